@@ -1,0 +1,1 @@
+"""The contract's client, the embedded chain, nodes, the auditor."""

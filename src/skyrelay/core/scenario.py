@@ -1,0 +1,263 @@
+"""The scenario file (TOML): every default and every unit of a run stands here, and only here."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from skyrelay.core.errors import ScenarioError
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+Percent = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
+
+
+def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
+    if bounds[0] > bounds[1]:
+        raise ValueError("the lower bound first, then the upper")
+    return bounds
+
+
+def _sums_to_one(weights: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    if not math.isclose(sum(weights), 1.0, abs_tol=1e-9):
+        raise ValueError(f"four weights that sum to 1 (these sum to {sum(weights):g})")
+    return weights
+
+
+Bounds = Annotated[
+    tuple[Annotated[float, Field(ge=0, allow_inf_nan=False)], Annotated[float, Field(ge=0, allow_inf_nan=False)]],
+    AfterValidator(_ordered),
+]
+PercentBounds = Annotated[tuple[Percent, Percent], AfterValidator(_ordered)]
+Weights = Annotated[tuple[Share, Share, Share, Share], AfterValidator(_sums_to_one)]
+
+
+class _Section(BaseModel):
+    """A frozen table of the scenario file; an unknown key is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Mobility(_Section):
+    """Where the vehicles are."""
+
+    source: Literal["trace", "manhattan", "random-waypoint"] = Field(
+        "trace", description="replay of floating-car data, or a synthetic model"
+    )
+    trace: str = Field(
+        "bologna", min_length=1, description="a built-in trace, or the path of a Parquet, CSV or XML file"
+    )
+    penetration: Annotated[float, Field(gt=0, le=1)] = Field(0.2, description="share of the trace's vehicles connected")
+    start: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
+        0.0, description="where in the trace to begin [s after its first sample]"
+    )
+    vehicles: Annotated[int, Field(ge=1)] = Field(200, description="synthetic models: how many vehicles")
+    area: Positive = Field(6000.0, description="synthetic models: side of the square area [m]")
+    speed: Bounds = Field((4.5, 15.0), description="synthetic models: vehicle speed, uniform between [m/s]")
+    turn_probability: Share = Field(0.5, description="manhattan: probability of a turn at a step")
+
+
+class Zones(_Section):
+    """A grid of equal squares over the area."""
+
+    columns: Annotated[int, Field(ge=1, le=1000)] = 3
+    rows: Annotated[int, Field(ge=1, le=1000)] = 3
+
+
+class Fleet(_Section):
+    """The UAVs: how many, and what they draw (Table "Simulation Setup")."""
+
+    uavs: Annotated[int, Field(ge=1)] = 40
+    range: Positive | None = Field(
+        None, description="of the UAV-vehicle and the UAV-UAV link [m]; left out: half a zone's side"
+    )
+    speed: Positive = Field(30.0, description="[m/s]")
+    altitude: Annotated[float, Field(ge=0, le=65535)] = Field(100.0, description="[m]; ranges are horizontal")
+    bandwidth: Bounds = Field((0.0, 20.0), description="available bandwidth, uniform between [Mbit/s]")
+    battery: PercentBounds = Field((1.0, 100.0), description="at the start, uniform between [%]")
+    reputation: PercentBounds = Field((1.0, 100.0), description="uniform between [0-100]")
+
+
+class Demand(_Section):
+    """What vehicles ask for and offer (Table "Simulation Setup")."""
+
+    bandwidth: Bounds = Field((1.0, 4.0), description="requested bandwidth, uniform between [Mbit/s]")
+    payment: Bounds = Field((0.0, 700.0), description="uniform between [cents per Mbit/s]")
+    reputation: PercentBounds = Field((1.0, 100.0), description="uniform between [0-100]")
+
+
+class Selection(_Section):
+    """QoU, QoV (Eq. 1, 2) and the two algorithms."""
+
+    qou_weights: Weights = Field((0.25, 0.25, 0.25, 0.25), description="bandwidth, battery, reputation, closeness")
+    qov_weights: Weights = Field((0.25, 0.25, 0.25, 0.25), description="demand, payment, reputation, closeness")
+    max_distance: Positive = Field(3000.0, description="that a distance is divided by, and the candidates' range [m]")
+    max_uav_bandwidth: Positive = Field(20.0, description="Max AB [Mbit/s]")
+    max_demand: Positive = Field(4.0, description="Max RB [Mbit/s]")
+    max_payment: Positive = Field(700.0, description="Max PayPerMbps [cents per Mbit/s]")
+    candidates: Literal["range", "zone"] = Field(
+        "range", description="range: the zone's UAVs within max_distance; zone: all of them"
+    )
+    rounds: Annotated[int, Field(ge=1, le=1000)] = Field(
+        1, description="1: the paper; more: a rejected vehicle proposes again, up to deferred acceptance"
+    )
+
+
+class Coordination(_Section):
+    """How the selected UAVs fly."""
+
+    steps: Annotated[int, Field(ge=1)] = Field(100, description="moves of every UAV in the run")
+    step_seconds: Positive = Field(2.0, description="[s]")
+    period_steps: Annotated[int, Field(ge=1)] = Field(20, description="moves between two selections")
+    policy: str = Field("auto", min_length=1, description="auto: the shipped policies; or the path of an ONNX file")
+
+
+class Energy(_Section):
+    """What flying costs (a battery of 100 % empties in 25 minutes of hovering by default)."""
+
+    hover_per_minute: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(4.0, description="[% of the battery]")
+    move_per_minute: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(5.0, description="[% of the battery]")
+    reserve: Percent = Field(3.0, description="at or below it a UAV leaves, and selection replaces it [%]")
+
+
+class Chain(_Section):
+    """Where the contract lives."""
+
+    url: str | None = Field(None, description="JSON-RPC endpoint; left out: the embedded chain")
+    proposals_per_call: Annotated[int, Field(ge=1)] = Field(
+        60, description="largest piece of a zone's allocation in one transaction [proposals]"
+    )
+
+
+class Store(_Section):
+    """Where models are kept by their content address."""
+
+    url: str | None = Field(None, description="Kubo RPC endpoint; left out: blocks in the run folder")
+
+
+class Scenario(_Section):
+    """A whole run, validated; see docs/reference/scenario.md."""
+
+    name: str = Field("bologna", min_length=1, max_length=80)
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
+    mobility: Mobility = Mobility()
+    zones: Zones = Zones()
+    fleet: Fleet = Fleet()
+    demand: Demand = Demand()
+    selection: Selection = Selection()
+    coordination: Coordination = Coordination()
+    energy: Energy = Energy()
+    chain: Chain = Chain()
+    store: Store = Store()
+
+
+def builtin_scenarios() -> list[str]:
+    """Names of the scenarios inside the package."""
+    folder = files("skyrelay.data") / "scenarios"
+    return sorted(Path(item.name).stem for item in folder.iterdir() if item.name.endswith(".toml"))
+
+
+def load_scenario(source: str | Path = "bologna", overrides: Sequence[str] = (), seed: int | None = None) -> Scenario:
+    """Read, override and validate a scenario.
+
+    Args:
+        source: a built-in scenario's name or the path of a TOML file.
+        overrides: ``key=value`` with a dotted key and a TOML value, e.g. ``fleet.uavs=20``.
+        seed: replaces the file's seed.
+    Raises:
+        ScenarioError: the file is not there or not TOML, or a key or value does not fit; every fault has its line.
+    """
+    place, text, folder = _read(source)
+    try:
+        tree: dict[str, Any] = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(place, None, f"TOML ({error})") from error
+    for override in overrides:
+        _override(tree, override)
+    if seed is not None:
+        tree["seed"] = seed
+    scenario = validate(tree, place)
+    if folder is None:
+        return scenario
+    # Paths in a file are relative to that file, not to where the command was called.
+    mobility, coordination = scenario.mobility, scenario.coordination
+    if (folder / mobility.trace).is_file() and "mobility.trace" not in {o.partition("=")[0].strip() for o in overrides}:
+        mobility = mobility.model_copy(update={"trace": str(folder / mobility.trace)})
+    if (folder / coordination.policy).is_file():
+        coordination = coordination.model_copy(update={"policy": str(folder / coordination.policy)})
+    return scenario.model_copy(update={"mobility": mobility, "coordination": coordination})
+
+
+def validate(tree: Mapping[str, Any], place: str = "scenario") -> Scenario:
+    """A scenario from a parsed tree.
+
+    Raises:
+        ScenarioError: naming the first key that does not fit (and how many more do not).
+    """
+    try:
+        return Scenario.model_validate(tree)
+    except ValidationError as error:
+        faults = error.errors()
+        first = faults[0]
+        key = ".".join(str(part) for part in first["loc"])
+        more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+        if first["type"] == "extra_forbidden":
+            raise ScenarioError(f"{place}: {key}", None, f"a known key: {_suggest(key)}{more}") from None
+        expected = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+        raise ScenarioError(f"{place}: {key}", first["input"], expected + more) from None
+
+
+def to_toml(scenario: Scenario) -> str:
+    """The scenario with every default spelled out, as TOML that `load_scenario` reads back to the same scenario."""
+    import tomli_w
+
+    return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True))
+
+
+def _read(source: str | Path) -> tuple[str, str, Path | None]:
+    """Place, text, and the folder that relative paths start from."""
+    path = Path(source)
+    if str(source) in builtin_scenarios():
+        return f"{source}.toml", (files("skyrelay.data") / "scenarios" / f"{source}.toml").read_text("utf-8"), None
+    try:
+        return str(path), path.read_text(encoding="utf-8"), path.resolve().parent
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        names = ", ".join(builtin_scenarios())
+        raise ScenarioError("scenario", str(source), f"a readable TOML file ({reason}) or one of: {names}") from error
+
+
+def _override(tree: dict[str, Any], override: str) -> None:
+    key, equals, text = override.partition("=")
+    key = key.strip()
+    if not equals or not key:
+        raise ScenarioError("--set", override, "key=value, e.g. --set fleet.uavs=20")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text.strip()  # a bare word is a string, so that the shell needs no nested quotes
+    *sections, last = key.split(".")
+    for section in sections:
+        tree = tree.setdefault(section, {})
+        if not isinstance(tree, dict):
+            raise ScenarioError("--set", override, f"a table at {section!r}, not a value")
+    tree[last] = value
+
+
+def _suggest(key: str) -> str:
+    """The closest known key, or the keys of that section."""
+    import difflib
+
+    model: Any = Scenario
+    *sections, last = key.split(".")
+    for section in sections:
+        model = model.model_fields[section].annotation
+    names = list(model.model_fields)
+    close = difflib.get_close_matches(last, names, n=1)
+    return f"did you mean {close[0]!r}?" if close else "one of " + ", ".join(names)

@@ -1,0 +1,1 @@
+"""Scenarios, traces and policies that ship with the package."""

@@ -1,0 +1,1 @@
+"""PPO, its networks, training and evaluation."""

@@ -1,0 +1,1 @@
+"""Where vehicles are: synthetic models and trace replay."""

@@ -1,0 +1,1 @@
+"""What flies: load, check, decide; no JAX on a UAV."""

@@ -1,0 +1,1 @@
+"""The process sequence and its agents."""

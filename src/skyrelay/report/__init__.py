@@ -1,0 +1,1 @@
+"""The replay page and plots, from run folders only."""

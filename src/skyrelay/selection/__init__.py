@@ -1,0 +1,1 @@
+"""Two-sided relay selection and its comparators."""
