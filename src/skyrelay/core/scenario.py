@@ -50,9 +50,7 @@ class Mobility(_Section):
     source: Literal["trace", "manhattan", "random-waypoint"] = Field(
         "trace", description="replay of floating-car data, or a synthetic model"
     )
-    trace: str = Field(
-        "bologna", min_length=1, description="a built-in trace, or the path of a Parquet, CSV or XML file"
-    )
+    trace: str = Field("bologna", min_length=1, description="a built-in trace, or a Parquet, CSV or XML file")
     penetration: Annotated[float, Field(gt=0, le=1)] = Field(0.2, description="share of the trace's vehicles connected")
     start: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
         0.0, description="where in the trace to begin [s after its first sample]"
