@@ -1,0 +1,105 @@
+"""Where the connected vehicles of a run are at each of its steps, whatever the source."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.resources import as_file, files
+from pathlib import Path
+
+import numpy as np
+
+from skyrelay.core.entities import FloatArray
+from skyrelay.core.errors import TraceError
+from skyrelay.core.scenario import Scenario
+from skyrelay.mobility.synthetic import manhattan, random_waypoint
+from skyrelay.mobility.trace import Trace, read_trace
+
+MAX_GAP = 30.0
+"""Between two samples further apart than this [s] a vehicle is taken to be absent."""
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Positions on the run's clock.
+
+    Attributes:
+        ids: [V] vehicle ids.
+        x, y: [S+1, V] position [m] at each step; NaN where the vehicle is not there.
+        box: the area's smallest x and y, largest x and y [m].
+        attribution: of the data behind it, or an empty text.
+    """
+
+    ids: tuple[str, ...]
+    x: FloatArray
+    y: FloatArray
+    box: tuple[float, float, float, float]
+    attribution: str = ""
+
+
+def builtin_traces() -> list[str]:
+    """Names of the traces inside the package."""
+    return sorted(
+        Path(item.name).stem for item in (files("skyrelay.data") / "traces").iterdir() if item.name.endswith(".parquet")
+    )
+
+
+def load_tracks(scenario: Scenario) -> Tracks:
+    """The vehicles of a scenario, by its seed.
+
+    Raises:
+        TraceError: the trace cannot be read, or is shorter than the run.
+    """
+    mobility, flight = scenario.mobility, scenario.coordination
+    random = np.random.default_rng([scenario.seed, 1])
+    if mobility.source == "trace":
+        trace, place = _open(mobility.trace)
+        times = trace.time.min() + mobility.start + flight.step_seconds * np.arange(flight.steps + 1)
+        if times[-1] > trace.time.max():
+            raise TraceError(
+                place,
+                f"{trace.time.max() - trace.time.min():g} s long",
+                f"{times[-1] - trace.time.min():g} s (mobility.start + coordination.steps x step_seconds)",
+            )
+        connected = random.random(len(trace.ids)) < mobility.penetration
+        return replay(trace, times, connected)
+    model = manhattan if mobility.source == "manhattan" else random_waypoint
+    x, y = model(mobility, flight.steps, flight.step_seconds, random)
+    width = len(str(mobility.vehicles))
+    ids = tuple(f"v{number:0{width}d}" for number in range(1, mobility.vehicles + 1))
+    return Tracks(ids, x, y, (0.0, 0.0, mobility.area, mobility.area))
+
+
+def replay(trace: Trace, times: FloatArray, connected: np.ndarray) -> Tracks:
+    """A trace at given times [s], linear between its samples, of the vehicles marked in ``connected`` [V].
+
+    A vehicle is there from its first to its last sample; those never there at ``times`` are left out.
+    """
+    rows = np.flatnonzero(connected)
+    # One number orders all samples by vehicle, then time: then a single search serves every vehicle and step.
+    begin = min(trace.time.min(), times[0])
+    span = max(trace.time.max(), times[-1]) - begin + 1.0
+    keys = trace.vehicle * span + (trace.time - begin)
+    wanted = rows[None, :] * span + (times - begin)[:, None]
+    after = np.searchsorted(keys, wanted, side="left").clip(0, len(keys) - 1)
+    exact = keys[after] == wanted
+    before = np.where(exact, after, (after - 1).clip(0))
+    gap = trace.time[after] - trace.time[before]
+    there = (
+        (trace.vehicle[before] == rows) & (trace.vehicle[after] == rows) & (gap <= MAX_GAP) & (keys[before] <= wanted)
+    )
+    share = np.where(gap > 0, (times[:, None] - trace.time[before]) / np.where(gap > 0, gap, 1.0), 0.0)
+    x = np.where(there, trace.x[before] + share * (trace.x[after] - trace.x[before]), np.nan)
+    y = np.where(there, trace.y[before] + share * (trace.y[after] - trace.y[before]), np.nan)
+    seen = there.any(axis=0)
+    ids = tuple(trace.ids[row] for row in rows[seen])
+    return Tracks(ids, x[:, seen], y[:, seen], trace.box, trace.attribution)
+
+
+def _open(name: str) -> tuple[Trace, str]:
+    if name in builtin_traces():
+        with as_file(files("skyrelay.data") / "traces" / f"{name}.parquet") as path:
+            return read_trace(path), f"built-in trace {name}"
+    path = Path(name)
+    if not path.exists():
+        raise TraceError("mobility.trace", name, f"a file that exists, or one of: {', '.join(builtin_traces())}")
+    return read_trace(path), str(path)
