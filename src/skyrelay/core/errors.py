@@ -52,6 +52,10 @@ class ChainError(SkyRelayError):
     """The chain refuses, is out of reach, or is not the one that was expected."""
 
 
+class ProtocolError(SkyRelayError):
+    """A message came that the process sequence does not allow at that point."""
+
+
 class TrainingError(SkyRelayError):
     """Training met a number that is none, or a checkpoint of another run."""
 

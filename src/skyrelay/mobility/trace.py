@@ -5,8 +5,8 @@ from __future__ import annotations
 import gzip
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
-from xml.etree.ElementTree import ParseError, iterparse  # noqa: S405 - see _read_xml
+from typing import IO, cast
+from xml.etree.ElementTree import ParseError, iterparse
 
 import numpy as np
 import numpy.typing as npt
@@ -86,8 +86,8 @@ def _read_xml(path: Path) -> pa.Table:
     # iterparse expands no external entities, and expat limits the amplification of internal ones.
     columns: dict[str, list[str | None]] = {name: [] for name in COLUMNS}
     time: str | None = None
-    stream: IO[bytes]
-    with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as stream:
+    compressed = path.suffix.lower() == ".gz"
+    with cast("IO[bytes]", gzip.open(path) if compressed else path.open("rb")) as stream:
         for event, element in iterparse(stream, events=("start", "end")):  # noqa: S314
             if element.tag == "timestep":
                 if event == "start":
