@@ -84,9 +84,8 @@ def replay(trace: Trace, times: FloatArray, connected: np.ndarray) -> Tracks:
     exact = keys[after] == wanted
     before = np.where(exact, after, (after - 1).clip(0))
     gap = trace.time[after] - trace.time[before]
-    there = (
-        (trace.vehicle[before] == rows) & (trace.vehicle[after] == rows) & (gap <= MAX_GAP) & (keys[before] <= wanted)
-    )
+    same = (trace.vehicle[before] == rows) & (trace.vehicle[after] == rows)
+    there = same & (keys[before] <= wanted) & (wanted <= keys[after]) & (gap <= MAX_GAP)
     share = np.where(gap > 0, (times[:, None] - trace.time[before]) / np.where(gap > 0, gap, 1.0), 0.0)
     x = np.where(there, trace.x[before] + share * (trace.x[after] - trace.x[before]), np.nan)
     y = np.where(there, trace.y[before] + share * (trace.y[after] - trace.y[before]), np.nan)

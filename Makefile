@@ -1,0 +1,43 @@
+# One word each: setup, run, test, check, bench, docs. `make help` lists them all.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+PYTEST := $(BIN)/python -m pytest
+
+.DEFAULT_GOAL := help
+.PHONY: help setup run test check test-browser test-contracts test-nodes test-all contracts nodes bench clean
+
+help: ## list the targets
+	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: $(READY) ## make the environment in .venv (Python 3.11 or later)
+
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(0 if v >= (3, 11) else f"SkyRelay needs Python 3.11 or later, this is {v.major}.{v.minor}: set PYTHON=python3.11")'
+	@echo "Making $(VENV) and installing SkyRelay (a minute or two the first time)"
+	@$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev]"
+	@touch $@
+
+run: $(READY) ## play the whole system on the Bologna trace; ends in out/bologna/report.html
+	@$(BIN)/skyrelay run bologna --out out/bologna --force
+
+test: $(READY) ## all tests that need Python alone
+	$(PYTEST) -n 2 --dist loadgroup -m "not browser and not contracts and not nodes"
+
+check: $(READY) ## lint, format, types, layers
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+test-browser: $(READY) ## the report page in a real headless Chromium
+	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || { \
+		echo "test-browser needs chromium and chromedriver (Debian: apt-get install chromium chromium-driver)" >&2; exit 1; }
+	$(PYTEST) -m browser
+
+test-all: check test test-browser test-contracts test-nodes ## everything
+
+clean: ## remove the environment and what runs left
+	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

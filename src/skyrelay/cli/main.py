@@ -1,0 +1,63 @@
+"""The command ``skyrelay``: registers the commands and turns faults into one line and an exit status."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Annotated
+
+import typer
+from typer.exceptions import TyperException
+
+import skyrelay
+from skyrelay.cli import run
+from skyrelay.core.errors import SkyRelayError
+
+app = typer.Typer(
+    name="skyrelay",
+    help="UAV relays for connected vehicles: selection on a consortium chain, learned coordination, audit.",
+    epilog="Start with: skyrelay run",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.command("run")(run.command)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(skyrelay.__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    """UAV relays for connected vehicles: selection on a consortium chain, learned coordination, audit."""
+
+
+def main() -> None:
+    """Entry point: status 0 done, 1 a check found differences, 2 bad input, 130 interrupted."""
+    try:
+        status = app(standalone_mode=False)
+    except TyperException as error:
+        _stop(error.format_message(), 2)
+    except SkyRelayError as error:
+        _stop(str(error), error.exit_code)
+    except (KeyboardInterrupt, typer.Abort):
+        _stop("interrupted", 130)
+    except BrokenPipeError:
+        # The reader of a pipe has gone (`| head`): nothing more to say, and nothing to flush at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _stop(message: str, status: int) -> None:
+    line = " ".join(message.split())
+    typer.echo(f"skyrelay: {line}", err=True)
+    sys.exit(status)

@@ -1,0 +1,1 @@
+"""A whole scenario on one machine: the world that the agents of the protocol live in, and its record."""

@@ -1,0 +1,131 @@
+"""The world of a run: who the vehicles and UAVs are, where the fleet is deployed, what flying costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.cluster.vq import kmeans2
+
+from skyrelay.core.entities import FloatArray, IntArray
+from skyrelay.core.scenario import Energy, Scenario
+from skyrelay.core.zones import ZoneGrid
+from skyrelay.mobility import Tracks
+
+
+@dataclass(frozen=True)
+class Members:
+    """What each connected vehicle asks for and offers, in the contract's units; rows as in the run's tracks.
+
+    Attributes:
+        demand: [V] [kbit/s].
+        payment: [V] [cents per Mbit/s].
+        reputation: [V] [hundredths].
+    """
+
+    demand: IntArray
+    payment: IntArray
+    reputation: IntArray
+
+
+@dataclass
+class Fleet:
+    """The UAVs, as they are at the present step.
+
+    Attributes:
+        ids: [U].
+        x, y: [U] position [m].
+        zone: [U] zone id; 0 for a UAV that has left.
+        bandwidth: [U] [kbit/s].
+        battery: [U] [hundredths of the battery's percent], falling.
+        reputation: [U] [hundredths].
+        home_x, home_y: [U] where each was deployed, and where the static comparator hovers [m].
+    """
+
+    ids: tuple[str, ...]
+    x: FloatArray
+    y: FloatArray
+    zone: IntArray
+    bandwidth: IntArray
+    battery: FloatArray
+    reputation: IntArray
+    home_x: FloatArray
+    home_y: FloatArray
+
+    def drain(self, config: Energy, moved: npt.NDArray[np.bool_], seconds: float) -> None:
+        """Take from every UAV in the air what a step cost it; a UAV that has left has landed."""
+        per_minute = np.where(moved, config.move_per_minute, config.hover_per_minute)
+        spent = np.where(self.zone > 0, per_minute * seconds / 60.0 * 100.0, 0.0)
+        self.battery = np.maximum(self.battery - spent, 0.0)
+
+
+def draw_members(scenario: Scenario, count: int) -> Members:
+    """Attributes of ``count`` vehicles, uniform as in Table "Simulation Setup", by the scenario's seed."""
+    random = np.random.default_rng([scenario.seed, 2])
+    config = scenario.demand
+    return Members(
+        demand=_uniform(random, config.bandwidth, 1000, count).clip(min=1),
+        payment=_uniform(random, config.payment, 1, count),
+        reputation=_uniform(random, config.reputation, 100, count),
+    )
+
+
+def deploy_fleet(scenario: Scenario, tracks: Tracks, grid: ZoneGrid) -> Fleet:
+    """A fleet over the first step's traffic: each zone has its share of the UAVs, at the centres of its clusters.
+
+    The paper leaves the first positions open ("each UAV hovers at the same location prior to the selection"); clusters
+    of the traffic are what an operator would choose without knowing who will select whom (docs/assumptions.md).
+    """
+    random = np.random.default_rng([scenario.seed, 3])
+    config = scenario.fleet
+    x, y = tracks.x[0], tracks.y[0]
+    there = np.isfinite(x)
+    points = np.column_stack([x[there], y[there]])
+    zones = grid.zone_of(points[:, 0], points[:, 1])
+    counts = np.array([(zones == zone).sum() for zone in grid.ids])
+    zone = np.repeat(np.array(grid.ids), _apportion(counts, config.uavs))
+    position = np.empty((config.uavs, 2))
+    for number in grid.ids:
+        rows = np.flatnonzero(zone == number)
+        position[rows] = _stations(points[zones == number], grid, number, len(rows), random)
+    width = len(str(config.uavs))
+    return Fleet(
+        ids=tuple(f"u{number:0{width}d}" for number in range(1, config.uavs + 1)),
+        x=position[:, 0].copy(),
+        y=position[:, 1].copy(),
+        zone=zone.astype(np.int64),
+        bandwidth=_uniform(random, config.bandwidth, 1000, config.uavs),
+        battery=_uniform(random, config.battery, 100, config.uavs).astype(np.float64),
+        reputation=_uniform(random, config.reputation, 100, config.uavs),
+        home_x=position[:, 0].copy(),
+        home_y=position[:, 1].copy(),
+    )
+
+
+def _uniform(random: np.random.Generator, bounds: tuple[float, float], scale: int, count: int) -> IntArray:
+    """Integers in the contract's units, uniform between ``bounds`` (in the scenario's units)."""
+    return np.rint(random.uniform(bounds[0] * scale, bounds[1] * scale, count)).astype(np.int64)
+
+
+def _apportion(counts: IntArray, seats: int) -> IntArray:
+    """``seats`` by largest remainder over ``counts``; every zone gets one first where there are enough for that."""
+    first = np.ones_like(counts) if seats >= len(counts) else np.zeros_like(counts)
+    weights = counts if counts.sum() else np.ones_like(counts)
+    quota = weights / weights.sum() * (seats - first.sum())
+    result: IntArray = first + np.floor(quota).astype(np.int64)
+    remainder = np.argsort(-(quota - np.floor(quota)), kind="stable")
+    result[remainder[: seats - result.sum()]] += 1
+    return result
+
+
+def _stations(points: FloatArray, grid: ZoneGrid, zone: int, count: int, random: np.random.Generator) -> FloatArray:
+    """``count`` positions [count, 2] in a zone: the centres of its vehicles' clusters, then random ones."""
+    corner = np.array(grid.corner(zone))
+    stations = random.uniform(corner, corner + grid.side, (count, 2))
+    distinct = np.unique(points, axis=0)
+    clusters = min(count, len(distinct))
+    if clusters:
+        centres, _ = kmeans2(distinct, clusters, minit="++", rng=random)
+        stations[:clusters] = centres
+    return np.clip(stations, corner, corner + grid.side)

@@ -1,0 +1,65 @@
+import tomllib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skyrelay.core.errors import ScenarioError
+from skyrelay.core.scenario import Scenario, builtin_scenarios, load_scenario, to_toml, validate
+
+
+@pytest.mark.parametrize("name", builtin_scenarios())
+def test_builtin_scenarios_are_valid(name):
+    assert load_scenario(name).name == name
+
+
+def test_toml_round_trip_keeps_every_value():
+    scenario = load_scenario("bologna", ["fleet.range=512.5", "chain.url=http://127.0.0.1:8545"], seed=7)
+    assert validate(tomllib.loads(to_toml(scenario))) == scenario
+
+
+@given(seed=st.integers(0, 2**32 - 1), uavs=st.integers(1, 10**6), share=st.floats(0.001, 1))
+def test_any_valid_override_arrives(seed, uavs, share):
+    scenario = load_scenario("bologna", [f"fleet.uavs={uavs}", f"mobility.penetration={share!r}"], seed=seed)
+    assert (scenario.seed, scenario.fleet.uavs, scenario.mobility.penetration) == (seed, uavs, share)
+
+
+@pytest.mark.parametrize(
+    ("override", "place", "expected"),
+    [
+        ("fleet.uavs=0", "fleet.uavs", "greater than or equal to 1"),
+        ("fleet.uav=3", "fleet.uav", "did you mean 'uavs'?"),
+        ("selection.qou_weights=[0.5, 0.5, 0.5, 0.5]", "selection.qou_weights", "sum to 1"),
+        ("fleet.battery=[90, 10]", "fleet.battery", "lower bound first"),
+        ("fleet.speed=nan", "fleet.speed", "finite number"),
+        ("mobility.source=teleport", "mobility.source", "'trace', 'manhattan' or 'random-waypoint'"),
+        ("fleet", "--set", "key=value"),
+        ("seed.deep=1", "--set", "a table"),
+    ],
+)
+def test_a_bad_value_is_named_with_its_key_and_what_was_expected(override, place, expected):
+    with pytest.raises(ScenarioError) as fault:
+        load_scenario("bologna", ["seed=1", override])
+    assert place in fault.value.place
+    assert expected in str(fault.value)
+    assert "\n" not in str(fault.value)
+
+
+def test_paths_in_a_file_start_from_that_file(tmp_path):
+    (tmp_path / "city.csv").write_text("time,id,x,y\n0,a,0,0\n")
+    (tmp_path / "city.toml").write_text('[mobility]\ntrace = "city.csv"\n')
+    assert load_scenario(tmp_path / "city.toml").mobility.trace == str(tmp_path / "city.csv")
+
+
+def test_missing_and_broken_files_are_scenario_errors(tmp_path):
+    with pytest.raises(ScenarioError, match="bologna"):
+        load_scenario(tmp_path / "no.toml")
+    broken = tmp_path / "broken.toml"
+    broken.write_text("name = ")
+    with pytest.raises(ScenarioError, match="TOML"):
+        load_scenario(broken)
+
+
+def test_scenarios_are_frozen():
+    with pytest.raises(ValueError, match="frozen"):
+        Scenario().seed = 3  # type: ignore[misc]
