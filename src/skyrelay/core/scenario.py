@@ -64,14 +64,14 @@ class Mobility(_Section):
 class Zones(_Section):
     """A grid of equal squares over the area."""
 
-    columns: Annotated[int, Field(ge=1, le=1000)] = 3
-    rows: Annotated[int, Field(ge=1, le=1000)] = 3
+    columns: Annotated[int, Field(ge=1, le=1000)] = Field(3, description="from west to east")
+    rows: Annotated[int, Field(ge=1, le=1000)] = Field(3, description="from south to north")
 
 
 class Fleet(_Section):
     """The UAVs: how many, and what they draw (Table "Simulation Setup")."""
 
-    uavs: Annotated[int, Field(ge=1)] = 40
+    uavs: Annotated[int, Field(ge=1)] = Field(40, description="how many, over all zones")
     range: Positive | None = Field(
         None, description="of the UAV-vehicle and the UAV-UAV link [m]; left out: half a zone's side"
     )
@@ -95,7 +95,9 @@ class Selection(_Section):
 
     qou_weights: Weights = Field((0.25, 0.25, 0.25, 0.25), description="bandwidth, battery, reputation, closeness")
     qov_weights: Weights = Field((0.25, 0.25, 0.25, 0.25), description="demand, payment, reputation, closeness")
-    max_distance: Positive = Field(3000.0, description="that a distance is divided by, and the candidates' range [m]")
+    max_distance: Positive = Field(
+        3000.0, description="of a candidate, and what distances are divided by; a run caps it at fleet.range [m]"
+    )
     max_uav_bandwidth: Positive = Field(20.0, description="Max AB [Mbit/s]")
     max_demand: Positive = Field(4.0, description="Max RB [Mbit/s]")
     max_payment: Positive = Field(700.0, description="Max PayPerMbps [cents per Mbit/s]")
@@ -216,6 +218,28 @@ def to_toml(scenario: Scenario) -> str:
     import tomli_w
 
     return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True))
+
+
+def to_commented_toml(scenario: Scenario) -> str:
+    """The scenario as TOML with every key's meaning and unit beside it; `load_scenario` reads it too."""
+    import tomli_w
+
+    lines = [tomli_w.dumps({"name": scenario.name, "seed": scenario.seed}).rstrip()]
+    for section in Scenario.model_fields:
+        model = getattr(scenario, section)
+        if not isinstance(model, _Section):
+            continue
+        lines += ["", f"# {(type(model).__doc__ or '').strip()}", f"[{section}]"]
+        for key, described in type(model).model_fields.items():
+            value = getattr(model, key)
+            if isinstance(value, tuple):
+                text = f"{key} = [{', '.join(map(str, value))}]"
+            elif value is None:
+                text = f"# {key} ="
+            else:
+                text = tomli_w.dumps({key: value}).rstrip()
+            lines.append(f"{text}  # {described.description}" if described.description else text)
+    return "\n".join(lines) + "\n"
 
 
 def _read(source: str | Path) -> tuple[str, str, Path | None]:

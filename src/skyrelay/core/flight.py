@@ -1,0 +1,108 @@
+"""How UAVs move and what their links achieve, for any array library of the Python array API standard.
+
+The compiled game (JAX), the UAV in flight and the measurements of a run (NumPy) all call these functions, so that
+they cannot disagree. Leading dimensions (``...``) are batches. Lengths are in one unit of the caller's choice.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+STAY = 0
+HEADINGS = 8
+ACTIONS = 1 + HEADINGS
+
+_ANGLES = 2.0 * np.pi * np.arange(1, HEADINGS + 1) / HEADINGS
+_COMPASS = np.vstack([[0.0, 0.0], np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])]).round(12)
+
+
+def unit_moves(xp: Any = np) -> Any:
+    """[9, 2] direction of each action: 0 stays, k in 1..8 heads to theta = 2 pi k / 8 from east, counter-clockwise.
+
+    Source: the equation of Section "Action Space", K = 8.
+    """
+    return xp.asarray(_COMPASS, dtype=xp.float32)
+
+
+def move(uavs: Any, actions: Any, step: Any, low: Any = 0.0, high: Any = 1.0) -> Any:
+    """Fly one step at constant speed; a move that would leave the zone ends at its border.
+
+    Args:
+        uavs: [..., N, 2] positions.
+        actions: [..., N] integers 0..8.
+        step: [...] or a number, length of a move.
+        low, high: the zone's smallest and largest coordinates, numbers or [2].
+    Returns: [..., N, 2] positions.
+    """
+    xp = uavs.__array_namespace__()
+    heading = xp.take(unit_moves(xp), actions, axis=0)
+    return xp.clip(uavs + heading * xp.asarray(step)[..., None, None], low, high)
+
+
+def coverage(uavs: Any, vehicles: Any, owner: Any, reach: Any) -> Any:
+    """Share of the vehicles that are inside their own UAV's range; 1 where there is no vehicle.
+
+    Args:
+        uavs: [..., N, 2] positions.
+        vehicles: [..., V, 2] positions.
+        owner: [..., V] row of the UAV that serves each vehicle; negative where there is no vehicle.
+        reach: [...] or a number, range of the UAV-vehicle link.
+    Returns: [...] in [0, 1].
+    Source: the coverage of Eq. 3.
+    """
+    xp = uavs.__array_namespace__()
+    count = xp.sum(owner >= 0, axis=-1)
+    covered = xp.sum(served(uavs, vehicles, owner, reach), axis=-1)
+    return xp.where(count > 0, covered / xp.maximum(count, xp.asarray(1)), 1.0)
+
+
+def served(uavs: Any, vehicles: Any, owner: Any, reach: Any) -> Any:
+    """[..., V]: whether each vehicle is inside its own UAV's range (arguments as `coverage`)."""
+    xp = uavs.__array_namespace__()
+    apart = uavs[..., :, None, :] - vehicles[..., None, :, :]
+    near = xp.sum(apart * apart, axis=-1) <= (xp.asarray(reach) ** 2)[..., None, None]
+    own = owner[..., None, :] == xp.arange(uavs.shape[-2])[:, None]
+    return xp.any(near & own, axis=-2)
+
+
+def links(uavs: Any, reach: Any, active: Any) -> Any:
+    """The range graph: [..., N, N], true between two active UAVs at most ``reach`` apart, and on the diagonal.
+
+    Args:
+        uavs: [..., N, 2] positions.
+        reach: [...] or a number, range of the UAV-UAV link.
+        active: [..., N], false for a row that holds no UAV.
+    """
+    xp = uavs.__array_namespace__()
+    apart = uavs[..., :, None, :] - uavs[..., None, :, :]
+    near = xp.sum(apart * apart, axis=-1) <= (xp.asarray(reach) ** 2)[..., None, None]
+    return (near & active[..., :, None] & active[..., None, :]) | xp.eye(uavs.shape[-2], dtype=xp.bool)
+
+
+def connectivity(graph: Any, active: Any) -> Any:
+    """[...] true where a path of links joins every two active UAVs (so for a team of one, or none).
+
+    Args:
+        graph: [..., N, N] from `links`.
+        active: [..., N].
+    Source: the connectivity of Eq. 3.
+    """
+    xp = graph.__array_namespace__()
+    # From the first active UAV, walk the graph: N - 1 rounds reach whatever can be reached.
+    reached = active & (xp.cumulative_sum(xp.astype(active, xp.int32), axis=-1) == 1)
+    for _ in range(graph.shape[-1] - 1):
+        reached = reached | xp.any(graph & reached[..., None, :], axis=-1)
+    return xp.all(reached | ~active, axis=-1)
+
+
+def connectivity_neighbor(graph: Any, active: Any) -> Any:
+    """[...] true where every active UAV has at least one other in range (so for a team of one, or none).
+
+    Source: the weaker connectivity of the results text in Section "MDRL-based Coordination".
+    """
+    xp = graph.__array_namespace__()
+    others = xp.sum(xp.astype(graph, xp.int32), axis=-1) - 1
+    alone = xp.sum(xp.astype(active, xp.int32), axis=-1) <= 1
+    return xp.all((others > 0) | ~active, axis=-1) | alone
