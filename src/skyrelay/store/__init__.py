@@ -1,1 +1,1 @@
-"""Models by content address."""
+"""Models by content address: identifiers as IPFS gives them, blocks in a folder or behind a Kubo endpoint."""
