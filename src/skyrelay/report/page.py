@@ -1,0 +1,141 @@
+"""The replay page: one self-contained HTML file (docs/decisions/ says why it is written by hand)."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import re
+from importlib.resources import files
+from pathlib import Path
+
+from skyrelay.core.files import write_text
+from skyrelay.report.folder import Run, Summary, read_run
+from skyrelay.report.payload import encode
+
+
+def write_report(run_dir: Path) -> Path:
+    """Write ``report.html`` into a run folder. The same folder gives the same bytes.
+
+    Returns: the page's path; it opens from disk, and its security policy lets it load nothing else.
+    Raises:
+        RunFolderError: a file is missing or cannot be read, or a key, column or value is missing or does not fit.
+    """
+    run = read_run(run_dir)
+    page = run_dir / "report.html"
+    write_text(page, render(run))
+    return page
+
+
+def render(run: Run) -> str:
+    """The page's text."""
+    script, style = _asset("page.js"), _asset("page.css")
+    values = {
+        "title": html.escape(f"SkyRelay · {run.summary.name} · seed {run.summary.seed}"),
+        "name": html.escape(run.summary.name),
+        "seed": str(run.summary.seed),
+        "sentence": html.escape(sentence(run)),
+        "tiles": _tiles(run.summary),
+        "about": _about(run),
+        "style": style,
+        "script": script,
+        "style_hash": _hash(style),
+        "script_hash": _hash(script),
+        "payload": encode(run),
+        "last": str(run.summary.steps),
+    }
+    # One pass, so that nothing that a value contains is taken for a place to fill in.
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: values[match[1]], _asset("page.html"))
+
+
+def sentence(run: Run) -> str:
+    """What one sees, in plain words."""
+    summary = run.summary
+    seconds = summary.period_steps * summary.step_seconds
+    start = (
+        f"{summary.served:,} of {summary.vehicles:,} connected vehicles are served by UAVs, which a contract "
+        f"chooses from a fleet of {summary.uavs:,} every {seconds:g} s."
+    )
+    if summary.coverage is None or summary.static_coverage is None:
+        return start
+    learned, hovering = _percent(summary.coverage), _percent(summary.static_coverage)
+    middle = f" Flying a learned policy, they keep {learned} of these vehicles in range ({hovering} if they hovered)"
+    if summary.connectivity is None:
+        return f"{start}{middle}."
+    return f"{start}{middle} and their teams linked {_percent(summary.connectivity)} of the time."
+
+
+def _tiles(summary: Summary) -> str:
+    tiles = [
+        ("Coverage", _percent(summary.coverage), f"hovering {_percent(summary.static_coverage)}"),
+        ("Connectivity", _percent(summary.connectivity), f"hovering {_percent(summary.static_connectivity)}"),
+        ("Vehicles served", f"{summary.served:,}", f"of {summary.vehicles:,} connected"),
+        ("Mean QoU · QoV", f"{_number(summary.mean_qou)} · {_number(summary.mean_qov)}", "of 100"),
+        ("Transactions", f"{summary.transactions:,}", f"in {summary.blocks:,} blocks"),
+        ("Gas", _short(summary.gas_used), f"{_short(summary.gas_used / max(summary.transactions, 1))} a transaction"),
+    ]
+    return "\n".join(
+        f'<div class="tile"><dt>{html.escape(name)}</dt>'
+        f"<dd>{html.escape(value)}<small>{html.escape(note)}</small></dd></div>"
+        for name, value, note in tiles
+    )
+
+
+def _about(run: Run) -> str:
+    summary, mobility = run.summary, run.scenario.mobility
+    source = (
+        f"the trace “{Path(mobility.trace).stem}”" if mobility.source == "trace" else f"the {mobility.source} model"
+    )
+    share = f", {100 * mobility.penetration:g} % of them connected" if mobility.source == "trace" else ""
+    cids = summary.model_cids
+    models = [f"{label}: {cid}" for label, cid in cids.items()] if isinstance(cids, dict) else cids
+    rows = [
+        ("Scenario", [f"{summary.name}, seed {summary.seed}"]),
+        ("Movement", [f"vehicles from {source}{share}"]),
+        ("Attribution", [summary.attribution] if summary.attribution else []),
+        (
+            "Area",
+            [
+                f"{summary.zones} zones of {summary.grid.side:.0f} m × {summary.grid.side:.0f} m; "
+                f"radio range {summary.range_m:.0f} m"
+            ],
+        ),
+        (
+            "Time",
+            [
+                f"{summary.steps} steps of {summary.step_seconds:g} s; {summary.periods} selection periods; "
+                f"computed in {summary.wall_seconds:.1f} s, {summary.chain_seconds:.1f} s of it on the chain"
+            ],
+        ),
+        ("Policies (CID)", models),
+        ("Contract", [summary.contract]),
+        ("Chain head", [summary.chain_head]),
+    ]
+    return "\n".join(
+        f"<div><dt>{html.escape(name)}</dt>{''.join(f'<dd>{html.escape(line)}</dd>' for line in lines)}</div>"
+        for name, lines in rows
+        if lines
+    )
+
+
+def _asset(name: str) -> str:
+    return (files("skyrelay.report") / "assets" / name).read_text("utf-8")
+
+
+def _hash(text: str) -> str:
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def _percent(share: float | None) -> str:
+    return "–" if share is None else f"{100 * share:.1f} %"
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.1f}"
+
+
+def _short(value: float) -> str:
+    for size, unit in ((1e9, " G"), (1e6, " M"), (1e3, " k")):
+        if value >= size:
+            return f"{value / size:.1f}{unit}"
+    return f"{value:.0f}"

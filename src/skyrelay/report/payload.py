@@ -1,0 +1,189 @@
+"""The run as the replay page carries it: typed arrays, deflated, in base64.
+
+Layout after inflation: a little-endian uint32 (bytes of the header), the header as JSON, then the arrays, each at a
+multiple of four bytes; ``header.arrays`` names each one's type, offset (from the end of the header's padding) and
+length. Positions are 16-bit steps across ``header.box`` (3 cm on a city of 2 km), stored as differences (modulo 2**16)
+because those of a moving vehicle deflate well.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import zlib
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from skyrelay.core.errors import RunFolderError
+from skyrelay.report.folder import Run
+
+COLOURS = 8
+"""Of the page's palette; the figures and the page's style sheet hold as many."""
+
+_METRICS = (
+    "vehicles",
+    "covered",
+    "coverage",
+    "connectivity",
+    "connectivity_neighbor",
+    "served_mbps",
+    "energy_percent",
+    "static_coverage",
+    "static_connectivity",
+)
+_TYPES = {"u1": "Uint8Array", "u2": "Uint16Array", "i4": "Int32Array", "f4": "Float32Array"}
+
+
+def encode(run: Run) -> str:
+    """The payload of the page, in base64. The same run gives the same text."""
+    header, arrays = _contents(run)
+    blob, described = bytearray(), {}
+    for name, array in arrays.items():
+        little = np.ascontiguousarray(array).astype(array.dtype.newbyteorder("<"), copy=False)
+        described[name] = [_TYPES[array.dtype.str[1:]], len(blob), array.size]
+        blob += little.tobytes()
+        blob += bytes(-len(blob) % 4)
+    text = json.dumps(header | {"arrays": described}, ensure_ascii=False, allow_nan=False).encode()
+    text += b" " * (-(len(text) + 4) % 4)
+    return base64.b64encode(zlib.compress(len(text).to_bytes(4, "little") + text + bytes(blob), 9)).decode("ascii")
+
+
+def _contents(run: Run) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+    summary, grid = run.summary, run.grid
+    fleet = sorted(set(run.uavs["uav"]))
+    vehicle_ids = sorted(set(run.vehicles["vehicle"]) | set(run.proposals["vehicle"]))
+    low_x, high_x = _extent(grid.x0, grid.side * grid.columns, run.vehicles["x"], run.uavs["x"], run.uavs["static_x"])
+    low_y, high_y = _extent(grid.y0, grid.side * grid.rows, run.vehicles["y"], run.uavs["y"], run.uavs["static_y"])
+    arrays: dict[str, npt.NDArray[Any]] = {}
+
+    # Vehicles: one track after the other, each in the order of its steps.
+    vehicle = _codes(run.vehicles["vehicle"], vehicle_ids)
+    order = np.lexsort((run.vehicles["step"], vehicle))
+    arrays["vehicle"] = vehicle[order]
+    arrays["vehicle_step"] = run.vehicles["step"][order].astype(np.int32)
+    arrays["vehicle_x"] = _quantised(run.vehicles["x"][order], low_x, high_x)
+    arrays["vehicle_y"] = _quantised(run.vehicles["y"][order], low_y, high_y)
+    arrays["vehicle_uav"] = _codes(run.vehicles["uav"], fleet)[order]
+    arrays["vehicle_covered"] = run.vehicles["covered"][order].astype(np.uint8)
+
+    # UAVs: [uavs, steps + 1]; state bit 0 where it is in the air, bit 1 where it is selected.
+    shape = (len(fleet), summary.steps + 1)
+    uav, step = _codes(run.uavs["uav"], fleet), run.uavs["step"]
+    for name, low, high in (
+        ("x", low_x, high_x),
+        ("y", low_y, high_y),
+        ("static_x", low_x, high_x),
+        ("static_y", low_y, high_y),
+    ):
+        positions = np.full(shape, low)
+        positions[uav, step] = run.uavs[name]
+        arrays[f"uav_{name}"] = _quantised(positions.ravel(), low, high)
+    arrays["uav_zone"] = _dense(shape, uav, step, run.uavs["zone"], np.int32)
+    state = 1 + 2 * run.uavs["selected"].astype(np.uint8)
+    arrays["uav_state"] = _dense(shape, uav, step, state, np.uint8)
+    arrays["uav_battery"] = _dense(shape, uav, step, run.uavs["battery"], np.float32)
+
+    zones = range(grid.columns * grid.rows + 1)
+    for name in _METRICS:  # [zones + 1, steps + 1], the whole area first
+        arrays[f"metric_{name}"] = np.stack([run.metric(name, zone) for zone in zones]).astype(np.float32).ravel()
+
+    proposals = run.proposals
+    arrays["proposal_period"] = proposals["period"].astype(np.int32)
+    arrays["proposal_vehicle"] = _codes(proposals["vehicle"], vehicle_ids)
+    arrays["proposal_uav"] = _codes(proposals["uav"], fleet)
+    arrays["proposal_qou"] = proposals["qou"].astype(np.float32)
+    arrays["proposal_demand"] = proposals["demand_kbps"].astype(np.int32)
+    arrays["proposal_accepted"] = proposals["accepted"].astype(np.uint8)
+
+    # Events in the order of the chain, which is that of their steps as well.
+    events = run.events
+    order = np.lexsort((events["log"], events["tx"], events["block"]))
+    names = sorted(set(events["name"]))
+    arrays["event_block"] = events["block"][order].astype(np.int32)
+    arrays["event_step"] = np.maximum.accumulate(events["step"][order].astype(np.int32))
+    arrays["event_name"] = _codes(events["name"], names)[order]
+
+    header = {
+        "steps": summary.steps,
+        "stepSeconds": summary.step_seconds,
+        "periodSteps": summary.period_steps,
+        "range": summary.range_m,
+        "grid": summary.grid.model_dump(),
+        "box": [low_x, low_y, high_x, high_y],
+        "vehicles": vehicle_ids,
+        "uavs": fleet,
+        "colours": _colours(arrays["uav_zone"].reshape(shape), arrays["uav_state"].reshape(shape)),
+        "eventNames": names,
+        "eventArgs": [_arguments(run, int(row)) for row in order],
+    }
+    return header, arrays
+
+
+def _extent(origin: float, length: float, *columns: npt.NDArray[np.float64]) -> tuple[float, float]:
+    """The grid's and every position's bounds along one axis [m]."""
+    values = np.concatenate([[origin, origin + length], *columns])
+    return float(values.min()), float(values.max())
+
+
+def _quantised(values: npt.NDArray[np.float64], low: float, high: float) -> npt.NDArray[np.uint16]:
+    """Differences, modulo 2**16, of ``values`` as 16-bit steps from ``low`` to ``high``."""
+    steps = np.rint((values - low) / (high - low) * 65535).astype(np.uint16)
+    differences: npt.NDArray[np.uint16] = np.diff(steps, prepend=np.uint16(0))
+    return differences
+
+
+def _codes(column: npt.NDArray[Any], names: Sequence[str]) -> npt.NDArray[np.int32]:
+    """Each text's place among ``names``; -1 for the empty text."""
+    place = {"": -1} | {name: index for index, name in enumerate(names)}
+    return np.array([place[name] for name in column], dtype=np.int32)
+
+
+def _dense(
+    shape: tuple[int, int], uav: npt.NDArray[np.int32], step: npt.NDArray[Any], values: npt.NDArray[Any], kind: type
+) -> npt.NDArray[Any]:
+    dense: npt.NDArray[Any] = np.zeros(shape, kind)
+    dense[uav, step] = values
+    return dense.ravel()
+
+
+def _colours(zone: npt.NDArray[np.int32], state: npt.NDArray[np.uint8]) -> list[int]:
+    """By UAV, a colour that no team-mate has, as long as there are colours; the least used one first."""
+    used = [0] * COLOURS
+    colours: list[int] = []
+    selected = state >= 2
+    for uav in range(len(zone)):
+        mates = {
+            colours[other]
+            for other in range(uav)
+            if (selected[uav] & selected[other] & (zone[uav] == zone[other])).any()
+        }
+        free = [colour for colour in range(COLOURS) if colour not in mates] or list(range(COLOURS))
+        colour = min(free, key=lambda index: (used[index], index))
+        used[colour] += 1
+        colours.append(colour)
+    return colours
+
+
+def _arguments(run: Run, row: int) -> list[str]:
+    """An event's arguments as text: name, value, name, value... (numbers may be longer than the page's are)."""
+    place = f"{run.path / 'events.parquet'}: args[{row}]"
+    text = run.events["args"][row]
+    try:
+        arguments = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise RunFolderError(place, text, f"JSON ({error})") from error
+    if not isinstance(arguments, dict):
+        raise RunFolderError(place, text, "a JSON object")
+    return [part for name, value in arguments.items() for part in (name, _text(value))]
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, str):
+        return value
+    if isinstance(value, float) and math.isfinite(value):
+        return f"{value:g}"
+    return json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,145 @@
+"""The page's file: what it carries, that it carries it whole, and that nothing of a run can break out of it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+import zlib
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skyrelay.report import write_figures, write_report
+from skyrelay.report.folder import read_run
+from skyrelay.report.payload import COLOURS, _quantised, encode
+
+_KINDS = {"Uint8Array": "u1", "Uint16Array": "<u2", "Int32Array": "<i4", "Float32Array": "<f4"}
+
+
+def decode(payload: str) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+    """What the page's `load` does."""
+    data = zlib.decompress(base64.b64decode(payload))
+    length = int.from_bytes(data[:4], "little")
+    header = json.loads(data[4 : 4 + length])
+    arrays = {
+        name: np.frombuffer(data, _KINDS[kind], size, 4 + length + offset)
+        for name, (kind, offset, size) in header["arrays"].items()
+    }
+    return header, arrays
+
+
+def test_every_row_of_the_run_is_in_the_page(recorded: Path) -> None:
+    run = read_run(recorded)
+    header, arrays = decode(encode(run))
+    x0, _, x1, _ = header["box"]
+    x = x0 + np.cumsum(arrays["vehicle_x"], dtype=np.uint16) / 65535 * (x1 - x0)
+    fleet = [*header["uavs"], ""]
+    carried = {
+        (int(step), header["vehicles"][vehicle]): (float(at), fleet[uav], bool(covered))
+        for vehicle, step, at, uav, covered in zip(
+            *(arrays[name] for name in ("vehicle", "vehicle_step")),
+            x,
+            *(arrays[name] for name in ("vehicle_uav", "vehicle_covered")),
+            strict=True,
+        )
+    }
+    rows = pq.read_table(recorded / "vehicles.parquet").to_pylist()
+    assert len(carried) == len(rows)
+    for row in rows:
+        at, uav, covered = carried[row["step"], row["vehicle"]]
+        assert abs(at - row["x"]) < (x1 - x0) / 65535
+        assert (uav, covered) == (row["uav"], row["covered"])
+    coverage = arrays["metric_coverage"].reshape(run.summary.zones + 1, run.summary.steps + 1)
+    np.testing.assert_array_equal(coverage[3], run.metric("coverage", 3).astype(np.float32))
+    assert len(header["eventArgs"]) == len(arrays["event_step"]) == len(run.events["block"])
+    assert (np.diff(arrays["event_step"]) >= 0).all()
+
+
+@given(st.lists(st.floats(-500.0, 2500.0), min_size=1, max_size=50))
+def test_positions_survive_to_a_sixteen_bit_step(values: list[float]) -> None:
+    given_ = np.array(values)
+    found = -500 + np.cumsum(_quantised(given_, -500.0, 2500.0), dtype=np.uint16) / 65535 * 3000
+    assert np.abs(found - given_).max() <= 3000 / 65535
+
+
+def test_team_mates_differ_in_colour(recorded: Path) -> None:
+    header, _ = decode(encode(read_run(recorded)))
+    rows = [row for row in pq.read_table(recorded / "uavs.parquet").to_pylist() if row["selected"]]
+    teams: dict[tuple[int, int], set[str]] = {}
+    for row in rows:
+        teams.setdefault((row["step"], row["zone"]), set()).add(row["uav"])
+    colour = dict(zip(header["uavs"], header["colours"], strict=True))
+    assert teams
+    for team in teams.values():
+        assert len(team) <= COLOURS
+        assert len({colour[uav] for uav in team}) == len(team)
+
+
+def test_same_folder_same_bytes(recorded: Path, tmp_path: Path) -> None:
+    one, other = (shutil.copytree(recorded, tmp_path / name) for name in ("one", "other"))
+    assert write_report(one).read_bytes() == write_report(other).read_bytes()
+    for left, right in zip(write_figures(one), write_figures(other), strict=True):
+        assert left.name == right.name
+        assert left.read_bytes() == right.read_bytes()
+        assert left.read_bytes()[:4] == (b"%PDF" if left.suffix == ".pdf" else b"\x89PNG")
+
+
+def test_one_file_that_may_load_nothing(recorded: Path) -> None:
+    text = write_report(recorded).read_text(encoding="utf-8")
+    assert "default-src 'none'" in text
+    assert not re.search(r"""(src|href)\s*=\s*["'](?!data:)""", text)
+    assert not re.search(r"https?://(?!www\.w3\.org/)", text)
+    assert "{{" not in text
+    assert str(recorded) not in text
+
+
+def test_header_says_the_summary(recorded: Path) -> None:
+    summary = json.loads((recorded / "summary.json").read_text())
+    text = write_report(recorded).read_text(encoding="utf-8")
+    for expected in (
+        f"{100 * summary['coverage']:.1f} %",
+        f"{100 * summary['static_connectivity']:.1f} %",
+        f"{summary['served']} of {summary['vehicles']} connected vehicles",
+        summary["chain_head"],
+        summary["contract"],
+        *summary["model_cids"],
+        summary["attribution"],
+        "seed 1",
+    ):
+        assert expected in text
+
+
+@pytest.mark.parametrize(
+    "evil", ["</script><script>alert(1)</script>", '"><img src=x onerror=alert(1)>', "{{payload}}"]
+)
+def test_text_of_a_run_is_never_markup(sample: ModuleType, tmp_path: Path, evil: str) -> None:
+    tracks = sample.street_tracks(20, 10)
+    tracks[evil] = tracks.pop("vehicle_000")
+    run = sample.write_run_folder(tmp_path / "run", tracks, uavs=6)
+    path = run / "summary.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"name": evil, "attribution": evil, "chain_head": evil}))
+    text = write_report(run).read_text(encoding="utf-8")
+    assert text.count("<script") == text.count("</script>") == 2
+    assert "<img" not in text
+    assert evil in decode(encode(read_run(run)))[0]["vehicles"]
+
+
+def test_a_run_without_a_single_vehicle_or_event(recorded: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(recorded, tmp_path / "run")
+    for name in ("vehicles", "proposals", "events"):
+        path = run / f"{name}.parquet"
+        pq.write_table(pq.read_table(path).slice(0, 0), path)
+    summary = json.loads((run / "summary.json").read_text())
+    none = dict.fromkeys(("mean_qou", "mean_qov", "coverage", "static_coverage"))
+    (run / "summary.json").write_text(json.dumps(summary | none))
+    assert "–" in write_report(run).read_text(encoding="utf-8")
+    assert len(write_figures(run)) == 10
