@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skyrelay.core.errors import StoreError
@@ -89,6 +89,7 @@ def test_another_spelling_is_refused(text):
         Cid.parse(text, "command line: CID")
 
 
+@settings(max_examples=25)
 @given(st.data())
 def test_the_address_does_not_depend_on_how_the_bytes_arrive(data):
     content = counters(2 * CHUNK_BYTES + 17)

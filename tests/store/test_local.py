@@ -33,13 +33,13 @@ def test_what_is_put_comes_back(store, tmp_path, size):
     assert store.get(cid) == content(size)
     assert store.fetch(cid, tmp_path / "deep" / "copy.onnx") == size == store.verify(cid)
     assert (tmp_path / "deep" / "copy.onnx").read_bytes() == content(size)
-    assert store.list() == [StoredModel(cid, size)]
+    assert store.models() == [StoredModel(cid, size)]
 
 
 def test_a_folder_that_is_not_there_holds_nothing(store):
     cid = cid_of(b"x")
     assert not store.has(cid)
-    assert store.list() == []
+    assert store.models() == []
     with pytest.raises(StoreError, match=f"{cid}: is 'not here'; expected a model that was added here"):
         store.get(cid)
     assert not store.root.exists()
@@ -98,7 +98,7 @@ def test_a_name_that_is_no_address_in_the_pins_is_told(store):
     store.put(b"x")
     (store.root / "pins" / "notes.txt").write_text("")
     with pytest.raises(StoreError, match=r"pin: is 'notes\.txt'; expected a CIDv1"):
-        store.list()
+        store.models()
 
 
 def test_a_place_that_cannot_be_written_is_told(tmp_path):
@@ -118,5 +118,5 @@ def put_and_read(root: Path) -> bool:
 def test_several_processes_share_a_folder(store):
     with multiprocessing.get_context("spawn").Pool(3) as pool:
         assert all(pool.map(put_and_read, [store.root] * 6))
-    assert {model.size for model in store.list()} == set(SIZES)
+    assert {model.size for model in store.models()} == set(SIZES)
     assert not list(store.root.rglob(".*")), "no temporary file is left"

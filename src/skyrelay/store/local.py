@@ -83,7 +83,7 @@ class LocalStore:
         self.verify(cid)
         self._write_pin(cid)
 
-    def list(self) -> list[StoredModel]:
+    def models(self) -> list[StoredModel]:
         """The models kept, by address.
 
         Raises: StoreError: the root block of one is missing or damaged.

@@ -53,5 +53,5 @@ class ModelStore(Protocol):
     def pin(self, cid: Cid) -> None:
         """Keep the model: it is whole here, and stays."""
 
-    def list(self) -> list[StoredModel]:
+    def models(self) -> list[StoredModel]:
         """The models kept, by address."""
