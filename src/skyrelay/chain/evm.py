@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
-import rlp
+import rlp  # type: ignore[import-untyped]
 from eth_hash.auto import keccak
 
 from skyrelay.core.errors import ChainError
@@ -781,7 +781,8 @@ def _precompiled(tx: Transaction, mark: int, address: int, data: bytes, gas: int
 def _recover(data: bytes) -> bytes:
     """ECRECOVER: nothing where the signature is none."""
     from eth_keys.datatypes import Signature
-    from eth_keys.exceptions import BadSignature, ValidationError
+    from eth_keys.exceptions import BadSignature
+    from eth_utils.exceptions import ValidationError
 
     data = data.ljust(128, b"\0")
     v, r, s = (int.from_bytes(data[i : i + 32], "big") for i in (32, 64, 96))

@@ -1,10 +1,11 @@
 """Translation of EVM bytecode into Python functions, one trace at a time.
 
-A trace starts where control arrives and follows the code through jumps whose target is known, until one whose target is
-not. On the way stack items are Python locals, so that most instructions are one line of Python; what is left of them goes
-to the frame's stack where the trace is left. The static gas of a stretch without exits is charged at its start: should the
-gas run out in it, the frame would have halted further on, and a halted frame keeps nothing. Where an instruction looks at
-the remaining gas (GAS, SSTORE, calls and creations) or control may leave (JUMPI), a new stretch starts.
+A trace starts where control arrives and follows the code through jumps whose target is known, until one whose target
+is not. On the way stack items are Python locals, so that most instructions are one line of Python; what is left of
+them goes to the frame's stack where the trace is left. The static gas of a stretch without exits is charged at its
+start: should the gas run out in it, the frame would have halted further on, and a halted frame keeps nothing. Where
+an instruction looks at the remaining gas (GAS, SSTORE, calls and creations) or control may leave (JUMPI), a new
+stretch starts.
 """
 
 from __future__ import annotations

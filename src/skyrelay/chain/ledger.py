@@ -1,0 +1,279 @@
+"""The embedded chain's record on disk: one line a block, each hashed, each naming the hash before it.
+
+A line is ``<sha-256 of the JSON, in hexadecimal> <JSON>\\n``; the first describes the chain. Lines are only ever appended,
+so that a process that is killed leaves at most an unfinished last line, which the next opening drops; anything else that
+does not fit is damage and is refused. A block has all that is needed to check it (transactions, receipts with their logs)
+and to go on without executing it again (what it wrote to the state).
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from skyrelay.chain.chain import LogEntry, Receipt
+from skyrelay.core.errors import ChainError
+
+FORMAT = "skyrelay-chain/1"
+FILE_NAME = "blocks.jsonl"
+
+
+@dataclass(frozen=True, slots=True)
+class Genesis:
+    """What a chain starts from."""
+
+    chain_id: int
+    gas_limit: int
+    timestamp: int
+
+
+@dataclass(frozen=True, slots=True)
+class Transaction:
+    """A transaction of the embedded chain: it carries its sender; nobody signs inside one process."""
+
+    sender: str
+    nonce: int
+    to: str | None
+    gas: int
+    data: bytes
+
+    def hash(self, chain_id: int) -> str:
+        """Identifies the transaction on its chain."""
+        fields = [str(chain_id), self.sender, str(self.nonce), self.to or "", str(self.gas), self.data.hex()]
+        return "0x" + hashlib.sha256(" ".join(fields).encode()).hexdigest()
+
+
+@dataclass(frozen=True, slots=True)
+class Writes:
+    """The state that a block left changed, as values after it."""
+
+    nonces: dict[str, int] = field(default_factory=dict)
+    codes: dict[str, bytes] = field(default_factory=dict)
+    storage: dict[str, dict[int, int]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A block as recorded; `hash` is that of its line."""
+
+    number: int
+    parent: str
+    timestamp: int
+    gas_used: int
+    transactions: tuple[Transaction, ...]
+    receipts: tuple[Receipt, ...]
+    writes: Writes
+    hash: str = ""
+
+
+class DamagedRecord(ChainError):
+    """A line of a chain's record is not what was written."""
+
+
+def encode_genesis(genesis: Genesis) -> tuple[str, bytes]:
+    """Hash and line."""
+    return _line(
+        {
+            "format": FORMAT,
+            "chain_id": genesis.chain_id,
+            "gas_limit": genesis.gas_limit,
+            "timestamp": genesis.timestamp,
+            "rules": "london",
+        }
+    )
+
+
+def encode_block(block: Block, chain_id: int) -> tuple[str, bytes]:
+    """Hash and line."""
+    return _line(
+        {
+            "number": block.number,
+            "parent": block.parent,
+            "timestamp": block.timestamp,
+            "gas_used": block.gas_used,
+            "transactions": [
+                {
+                    "hash": t.hash(chain_id),
+                    "sender": t.sender,
+                    "nonce": t.nonce,
+                    "to": t.to,
+                    "gas": t.gas,
+                    "data": t.data.hex(),
+                }
+                for t in block.transactions
+            ],
+            "receipts": [
+                {
+                    "status": r.status,
+                    "gas_used": r.gas_used,
+                    "created": r.created,
+                    "output": r.output.hex(),
+                    "halt": r.halt,
+                    "logs": [
+                        {"address": e.address, "topics": [t.hex() for t in e.topics], "data": e.data.hex()}
+                        for e in r.logs
+                    ],
+                }
+                for r in block.receipts
+            ],
+            "writes": {
+                "nonces": block.writes.nonces,
+                "codes": {address: code.hex() for address, code in block.writes.codes.items()},
+                "storage": {
+                    address: {f"{slot:x}": f"{value:x}" for slot, value in slots.items()}
+                    for address, slots in block.writes.storage.items()
+                },
+            },
+        }
+    )
+
+
+def decode_genesis(place: str, line: bytes) -> tuple[str, Genesis]:
+    """Hash and content of a record's first line.
+
+    Raises:
+        DamagedRecord: the line is not one that `encode_genesis` writes.
+    """
+    digest, tree = _content(place, line)
+    try:
+        if tree["format"] != FORMAT:
+            raise ChainError(place, tree["format"], f"a record of the format {FORMAT}")
+        genesis = Genesis(int(tree["chain_id"]), int(tree["gas_limit"]), int(tree["timestamp"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise DamagedRecord(place, None, f"a chain's first record ({error!r})") from error
+    return digest, genesis
+
+
+def decode_block(place: str, line: bytes, chain_id: int) -> Block:
+    """A recorded block.
+
+    Raises:
+        DamagedRecord: the line does not have the hash that it names, or is no block.
+    """
+    digest, tree = _content(place, line)
+    try:
+        return _block(place, digest, tree, chain_id)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise DamagedRecord(place, None, f"a block's record ({error!r})") from error
+
+
+def _block(place: str, digest: str, tree: dict[str, Any], chain_id: int) -> Block:
+    number = int(tree["number"])
+    transactions, receipts, index = [], [], 0
+    if len(tree["transactions"]) != len(tree["receipts"]):
+        raise DamagedRecord(place, len(tree["receipts"]), f"{len(tree['transactions'])} receipts, one a transaction")
+    for place_in_block, (t, r) in enumerate(zip(tree["transactions"], tree["receipts"], strict=True)):
+        transaction = Transaction(t["sender"], int(t["nonce"]), t["to"], int(t["gas"]), bytes.fromhex(t["data"]))
+        if t["hash"] != transaction.hash(chain_id):
+            raise DamagedRecord(f"{place}, transaction {place_in_block}", t["hash"], "the hash of its content")
+        logs = []
+        for entry in r["logs"]:
+            topics = tuple(bytes.fromhex(topic) for topic in entry["topics"])
+            data = bytes.fromhex(entry["data"])
+            logs.append(LogEntry(entry["address"], topics, data, number, place_in_block, index))
+            index += 1
+        transactions.append(transaction)
+        receipts.append(
+            Receipt(
+                hash=t["hash"],
+                block=number,
+                transaction=place_in_block,
+                sender=t["sender"],
+                to=t["to"],
+                created=r["created"],
+                status=bool(r["status"]),
+                gas_used=int(r["gas_used"]),
+                logs=tuple(logs),
+                output=bytes.fromhex(r["output"]),
+                halt=r["halt"],
+            )
+        )
+    writes = tree["writes"]
+    return Block(
+        number=number,
+        parent=tree["parent"],
+        timestamp=int(tree["timestamp"]),
+        gas_used=int(tree["gas_used"]),
+        transactions=tuple(transactions),
+        receipts=tuple(receipts),
+        writes=Writes(
+            nonces={address: int(nonce) for address, nonce in writes["nonces"].items()},
+            codes={address: bytes.fromhex(code) for address, code in writes["codes"].items()},
+            storage={
+                address: {int(slot, 16): int(value, 16) for slot, value in slots.items()}
+                for address, slots in writes["storage"].items()
+            },
+        ),
+        hash=digest,
+    )
+
+
+def _line(tree: dict[str, Any]) -> tuple[str, bytes]:
+    content = json.dumps(tree, separators=(",", ":")).encode()
+    digest = hashlib.sha256(content).hexdigest()
+    return "0x" + digest, digest.encode() + b" " + content + b"\n"
+
+
+def _content(place: str, line: bytes) -> tuple[str, dict[str, Any]]:
+    digest, content = line[:64], line[65:-1]
+    if line[64:65] != b" " or line[-1:] != b"\n" or hashlib.sha256(content).hexdigest().encode() != digest:
+        raise DamagedRecord(place, digest.decode("ascii", "replace"), "the SHA-256 of what follows it on the line")
+    tree = json.loads(content)
+    if not isinstance(tree, dict):
+        raise DamagedRecord(place, None, "a JSON object")
+    return "0x" + digest.decode(), tree
+
+
+class BlockFile:
+    """A chain's record, open for appending by this process alone."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = path.open("a+b", buffering=0)
+        except OSError as error:
+            raise ChainError(path, None, f"a file that can be written ({error.strerror})") from error
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self._file.close()
+            raise ChainError(path, None, "a chain that no other process has open") from None
+
+    def lines(self) -> Iterator[bytes]:
+        """Whole lines from the start; an unfinished last one is cut off."""
+        self._file.seek(0)
+        end = 0
+        with os.fdopen(os.dup(self._file.fileno()), "rb") as reader:
+            for line in reader:
+                if not line.endswith(b"\n"):
+                    self._file.truncate(end)
+                    return
+                end += len(line)
+                yield line
+
+    def append(self, line: bytes) -> None:
+        """Add a line; it is on the disk when this returns.
+
+        Raises:
+            ChainError: the disk took less than the whole line; what it took is cut off again.
+        """
+        end = os.fstat(self._file.fileno()).st_size
+        try:
+            written = 0
+            while written < len(line):
+                written += os.write(self._file.fileno(), line[written:])
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            self._file.truncate(end)
+            raise ChainError(self.path, None, f"room for another block ({error.strerror})") from error
+
+    def close(self) -> None:
+        """Let others open it."""
+        self._file.close()
