@@ -1,1 +1,23 @@
-"""Two-sided relay selection and its comparators."""
+"""Two-sided selection of UAVs for vehicles, its comparators and its measures."""
+
+from skyrelay.selection.allocation import allocate
+from skyrelay.selection.methods import METHODS, OBJECTIVES, Metrics, Selection, evaluate, select
+from skyrelay.selection.proposal import propose
+from skyrelay.selection.quality import qou, qov
+from skyrelay.selection.stability import blocking_pairs, count_blocking_pairs, is_valid
+
+__all__ = [
+    "METHODS",
+    "OBJECTIVES",
+    "Metrics",
+    "Selection",
+    "allocate",
+    "blocking_pairs",
+    "count_blocking_pairs",
+    "evaluate",
+    "is_valid",
+    "propose",
+    "qou",
+    "qov",
+    "select",
+]

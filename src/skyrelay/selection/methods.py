@@ -1,0 +1,198 @@
+"""Every selection method behind one call."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from skyrelay.core.entities import FloatArray, IntArray, UavTable, VehicleTable
+from skyrelay.core.errors import SelectionError, UsageError
+from skyrelay.core.scenario import Selection as Settings
+from skyrelay.selection.deferred_acceptance import Round, deferred_acceptance
+from skyrelay.selection.nearest_neighbor import nearest_neighbor
+from skyrelay.selection.optimal import Objective, optimal
+from skyrelay.selection.quality import pair_qou, pair_qov
+from skyrelay.selection.sequential import nearest, random
+from skyrelay.selection.stability import count_blocking_pairs
+
+METHODS = ("two-sided", "nnm", "optimal", "nearest", "random")
+OBJECTIVES = ("qou", "qov", "served")
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which UAV serves which vehicle.
+
+    Attributes:
+        method: one of `METHODS`.
+        assignment: [V] index of the UAV, or -1.
+        qou, qov: [V] of the vehicle with its UAV, NaN where it has none.
+        rounds: of proposals, as played; empty for the methods that have none.
+        objective: what ``optimal`` maximised, and the total it reached; None for the others.
+        gap: of ``optimal``: (bound - total) / total, 0 where proved optimal; None for the others.
+    """
+
+    method: str
+    assignment: IntArray
+    qou: FloatArray
+    qov: FloatArray
+    rounds: tuple[Round, ...] = ()
+    objective: tuple[str, float] | None = None
+    gap: float | None = None
+
+    def __len__(self) -> int:
+        return len(self.assignment)
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """A selection in numbers; a mean over nothing is None.
+
+    Attributes:
+        vehicles, uavs: how many there were.
+        served: vehicles that have a UAV.
+        served_percent: of the vehicles.
+        uavs_selected: UAVs that serve at least one vehicle.
+        uavs_selected_percent: of the UAVs.
+        vehicles_per_uav: served vehicles per selected UAV.
+        mean_qou, mean_qov: over the served vehicles.
+        used_bandwidth: that the served vehicles asked [kbit/s].
+        used_bandwidth_percent: of what all UAVs have.
+        blocking_pairs: see `stability.count_blocking_pairs`.
+    """
+
+    vehicles: int
+    uavs: int
+    served: int
+    served_percent: float | None
+    uavs_selected: int
+    uavs_selected_percent: float | None
+    vehicles_per_uav: float | None
+    mean_qou: float | None
+    mean_qov: float | None
+    used_bandwidth: float
+    used_bandwidth_percent: float | None
+    blocking_pairs: int
+
+
+def select(
+    vehicles: VehicleTable,
+    uavs: UavTable,
+    method: str = "two-sided",
+    *,
+    settings: Settings | None = None,
+    rounds: int | Literal["full"] | None = None,
+    incumbent: IntArray | None = None,
+    hysteresis: float = 0.0,
+    objective: Objective = "qou",
+    time_limit: float | None = None,
+    gap: float = 1e-4,
+    seed: int = 0,
+) -> Selection:
+    """Select a UAV for each vehicle.
+
+    Args:
+        method: ``two-sided`` (the paper's), ``nnm`` (its benchmark), ``optimal`` (MILP), ``nearest`` or ``random``.
+        settings: weights, maxima, candidate rule; left out: the defaults of a scenario's ``[selection]``.
+        rounds: of ``two-sided``: 1 is the paper; more: a refused or displaced vehicle proposes again; ``"full"``: until
+            nobody has anyone left to ask (deferred acceptance); left out: as ``settings`` say.
+        incumbent: of ``two-sided``: [V] index of the UAV that serves each vehicle now, or -1.
+        hysteresis: of ``two-sided``: how many points of QoU above its incumbent another UAV must have for a vehicle to
+            ask it first.
+        objective: of ``optimal``: the total of ``qou``, of ``qov``, or the number ``served``.
+        time_limit: of ``optimal``: [s] after which the best assignment found is taken; None: no limit.
+        gap: of ``optimal``: share of the bound within which an assignment is good enough.
+        seed: of ``random``.
+    Raises:
+        UsageError: a method, an objective or a number of rounds that there is not.
+        SelectionError: an incumbent that is no UAV of the table.
+    """
+    rule = settings or Settings()
+    _check(method, METHODS, "method")
+    if method == "two-sided":
+        assignment, played = deferred_acceptance(
+            vehicles,
+            uavs,
+            rule,
+            _round_limit(rule.rounds if rounds is None else rounds),
+            _checked_incumbent(incumbent, vehicles, uavs),
+            _checked_hysteresis(hysteresis),
+        )
+        return _result(vehicles, uavs, assignment, rule, method, rounds=played)
+    if method == "optimal":
+        _check(objective, OBJECTIVES, "objective")
+        assignment, total, left = optimal(vehicles, uavs, rule, objective, time_limit, gap)
+        return _result(vehicles, uavs, assignment, rule, method, objective=(objective, total), gap=left)
+    if method == "nnm":
+        return _result(vehicles, uavs, nearest_neighbor(vehicles, uavs, rule), rule, method)
+    if method == "nearest":
+        return _result(vehicles, uavs, nearest(vehicles, uavs, rule), rule, method)
+    return _result(vehicles, uavs, random(vehicles, uavs, rule, seed), rule, method)
+
+
+def evaluate(vehicles: VehicleTable, uavs: UavTable, selection: Selection, settings: Settings | None = None) -> Metrics:
+    """Measure a selection, blocking pairs included."""
+    served = np.flatnonzero(selection.assignment >= 0)
+    selected = len(np.unique(selection.assignment[served]))
+    used, available = float(vehicles.demand[served].sum()), float(uavs.bandwidth.sum())
+    return Metrics(
+        vehicles=len(vehicles),
+        uavs=len(uavs),
+        served=len(served),
+        served_percent=100.0 * len(served) / len(vehicles) if len(vehicles) else None,
+        uavs_selected=selected,
+        uavs_selected_percent=100.0 * selected / len(uavs) if len(uavs) else None,
+        vehicles_per_uav=len(served) / selected if selected else None,
+        mean_qou=float(selection.qou[served].mean()) if selected else None,
+        mean_qov=float(selection.qov[served].mean()) if selected else None,
+        used_bandwidth=used,
+        used_bandwidth_percent=100.0 * used / available if available else None,
+        blocking_pairs=count_blocking_pairs(vehicles, uavs, selection.assignment, settings or Settings()),
+    )
+
+
+def _result(
+    vehicles: VehicleTable, uavs: UavTable, assignment: IntArray, settings: Settings, method: str, **extra: Any
+) -> Selection:
+    served = np.flatnonzero(assignment >= 0)
+    qou, qov = np.full(len(vehicles), np.nan), np.full(len(vehicles), np.nan)
+    qou[served] = pair_qou(vehicles, uavs, served, assignment[served], settings)
+    qov[served] = pair_qov(vehicles, uavs, served, assignment[served], settings)
+    return Selection(method, assignment, qou, qov, **extra)
+
+
+def _check(value: str, known: tuple[str, ...], what: str) -> None:
+    if value in known:
+        return
+    close = difflib.get_close_matches(value, known, n=1)
+    hint = f" (did you mean {close[0]!r}?)" if close else ""
+    raise UsageError(what, value, f"one of {', '.join(known)}{hint}")
+
+
+def _round_limit(rounds: int | Literal["full"]) -> int | None:
+    if rounds == "full":
+        return None
+    if isinstance(rounds, bool) or not isinstance(rounds, int) or rounds < 1:
+        raise UsageError("rounds", rounds, "a whole number from 1, or 'full'")
+    return rounds
+
+
+def _checked_incumbent(incumbent: IntArray | None, vehicles: VehicleTable, uavs: UavTable) -> IntArray | None:
+    if incumbent is None:
+        return None
+    if incumbent.shape != (len(vehicles),):
+        raise SelectionError("incumbent.shape", incumbent.shape, f"one index for each of {len(vehicles)} vehicles")
+    wrong = (incumbent < -1) | (incumbent >= len(uavs))
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise SelectionError(f"incumbent[{row}]", int(incumbent[row]), f"-1 or the index of one of {len(uavs)} UAVs")
+    return incumbent
+
+
+def _checked_hysteresis(hysteresis: float) -> float:
+    if not (np.isfinite(hysteresis) and hysteresis >= 0.0):
+        raise UsageError("hysteresis", hysteresis, "a finite number of QoU points, at least 0")
+    return hysteresis

@@ -1,0 +1,194 @@
+"""Algorithm 1: each vehicle proposes to the UAV of its zone that it thinks best of.
+
+The fast path never holds all pairs. Vehicles are taken in blocks of neighbours; a block looks only at the UAVs within
+reach of its bounding box, and among those only at the ones that could be the best of any of its vehicles. Its result
+equals the plain loop (`reference.propose`) to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from skyrelay.core.entities import FloatArray, IntArray, UavTable, VehicleTable
+from skyrelay.core.errors import SelectionError
+from skyrelay.core.scenario import Selection as Settings
+from skyrelay.selection.quality import BoolArray, closeness, distance, qou, standing
+
+_BLOCK_PAIRS = 65_536  # the working arrays of a block then stay in a core's cache
+_BLOCK_VEHICLES = 256  # aimed at when an area is cut into cells
+
+
+def propose(
+    vehicles: VehicleTable, uavs: UavTable, settings: Settings, excluded: npt.ArrayLike | None = None
+) -> IntArray:
+    """The UAV that each vehicle proposes to (Algorithm 1).
+
+    Args:
+        excluded: [V, U] true where a vehicle shall not propose, say because that UAV refused it before.
+    Returns: [V] index of the UAV of highest QoU among the candidates, the first of equals; -1 where none has a QoU
+        above 0.
+    Raises:
+        SelectionError: ``excluded`` is not of shape [V, U].
+    Source: Algorithm 1.
+    """
+    if excluded is None:
+        return Preferences(vehicles, uavs, settings).first()[0]
+    mask = np.asarray(excluded, dtype=bool)
+    if mask.shape != (len(vehicles), len(uavs)):
+        raise SelectionError("excluded.shape", mask.shape, f"the shape {(len(vehicles), len(uavs))}")
+    if not len(vehicles) or not len(uavs):
+        return np.full(len(vehicles), -1, dtype=np.int64)
+    score = np.where(mask, -np.inf, qou(vehicles, uavs, settings))
+    best = score.argmax(axis=1)
+    return np.where(score[np.arange(len(vehicles)), best] > 0.0, best, -1).astype(np.int64)
+
+
+class Preferences:
+    """Every vehicle's list of candidates in descending QoU, the first of equals first, read without being stored.
+
+    A vehicle's place in its list is the pair (QoU, UAV) it asked last; the next is the best pair after it.
+    """
+
+    def __init__(self, vehicles: VehicleTable, uavs: UavTable, settings: Settings) -> None:
+        self._vehicles, self._uavs, self._settings = vehicles, uavs, settings
+        self._standing = standing(uavs, settings)
+        self._zones = _by_zone(uavs.zone)
+
+    def first(self) -> tuple[IntArray, FloatArray]:
+        """The head of each list: [V] UAV or -1, and [V] its QoU, -inf where there is none."""
+        return self._search(np.arange(len(self._vehicles), dtype=np.int64), None)
+
+    def after(self, rows: IntArray, uav: IntArray, qou_there: FloatArray) -> tuple[IntArray, FloatArray]:
+        """The next of each list after the place (``qou_there``, ``uav``).
+
+        Args:
+            rows: [R] indices of vehicles, all distinct.
+            uav, qou_there: [R] where each list was left; any UAV and infinity: before its head.
+        Returns: [R] UAV or -1, and [R] its QoU, -inf where the list has ended.
+        """
+        return self._search(rows, None if np.isposinf(qou_there).all() else (uav, qou_there))
+
+    def _search(self, rows: IntArray, place: tuple[IntArray, FloatArray] | None) -> tuple[IntArray, FloatArray]:
+        best = np.full(len(rows), -1, dtype=np.int64)
+        score = np.full(len(rows), -np.inf)
+        scratch = _Scratch()
+        for where, columns in self._blocks(rows, prune=place is None):
+            height = max(1, _BLOCK_PAIRS // max(1, len(columns)))
+            for start in range(0, len(where), height):
+                part = where[start : start + height]
+                asked = None if place is None else (place[0][part], place[1][part])
+                best[part], score[part] = self._search_block(rows[part], columns, asked, scratch)
+        return best, score
+
+    def _search_block(
+        self, rows: IntArray, columns: IntArray, asked: tuple[IntArray, FloatArray] | None, scratch: _Scratch
+    ) -> tuple[IntArray, FloatArray]:
+        """The best of ``columns`` (ascending) for each of ``rows``: `quality.qou` in place, in the same order of steps.
+
+        Writing into arrays that stay in the cache makes this five times as fast as the plain expression.
+        """
+        settings = self._settings
+        score, work, mask = scratch.shaped(len(rows), len(columns))
+        np.subtract(self._vehicles.x[rows, None], self._uavs.x[columns], out=score)
+        np.subtract(self._vehicles.y[rows, None], self._uavs.y[columns], out=work)
+        np.multiply(score, score, out=score)
+        np.multiply(work, work, out=work)
+        np.add(score, work, out=score)
+        np.sqrt(score, out=score)
+        if settings.candidates == "range":
+            np.greater(score, settings.max_distance, out=mask)
+        np.divide(score, settings.max_distance, out=score)
+        np.minimum(score, 1.0, out=score)
+        np.subtract(1.0, score, out=score)
+        np.multiply(settings.qou_weights[3], score, out=score)
+        np.add(self._standing[columns], score, out=score)
+        np.multiply(100.0, score, out=score)
+        if settings.candidates == "range":
+            np.copyto(score, -np.inf, where=mask)
+        if asked is not None:
+            uav, qou_there = asked
+            passed = (score > qou_there[:, None]) | ((score == qou_there[:, None]) & (columns <= uav[:, None]))
+            np.copyto(score, -np.inf, where=passed)
+        choice = score.argmax(axis=1)
+        value = score[np.arange(len(rows)), choice]
+        found = value > 0.0
+        return np.where(found, columns[choice], -1), np.where(found, value, -np.inf)
+
+    def _blocks(self, rows: IntArray, prune: bool) -> Iterator[tuple[IntArray, IntArray]]:
+        """Positions in ``rows`` and, ascending, the UAVs that these vehicles have to look at."""
+        for zone, members in _by_zone(self._vehicles.zone[rows]).items():
+            columns = self._zones.get(zone)
+            if columns is None:
+                continue
+            if len(members) * len(columns) <= _BLOCK_PAIRS:
+                yield members, columns
+                continue
+            for cell in self._cells(rows, members):
+                near = self._within_reach(rows[cell], columns, prune)
+                if len(near):
+                    yield cell, near
+
+    def _cells(self, rows: IntArray, members: IntArray) -> Iterator[IntArray]:
+        """``members`` cut into squares of a side between an eighth of the range and the range."""
+        x, y = self._vehicles.x[rows[members]], self._vehicles.y[rows[members]]
+        reach = self._settings.max_distance
+        area = max(np.ptp(x), 1.0) * max(np.ptp(y), 1.0)
+        side = float(np.clip(np.sqrt(area * _BLOCK_VEHICLES / len(members)), reach / 8, reach))
+        column, row = (x - x.min()) // side, (y - y.min()) // side
+        order = np.lexsort((column, row))
+        edges = np.flatnonzero((np.diff(column[order]) != 0) | (np.diff(row[order]) != 0)) + 1
+        yield from np.split(members[order], edges)
+
+    def _within_reach(self, rows: IntArray, columns: IntArray, prune: bool) -> IntArray:
+        """The UAVs that can be a candidate of any of ``rows``; with ``prune``, that can be the best of any."""
+        settings, weight = self._settings, self._settings.qou_weights[3]
+        x, y = self._vehicles.x[rows], self._vehicles.y[rows]
+        west, east, south, north = x.min(), x.max(), y.min(), y.max()
+        ux, uy = self._uavs.x[columns], self._uavs.y[columns]
+        # The same rounded steps as the score's own, so nearest <= distance <= furthest holds to the last bit.
+        nearest = distance(_beyond(west, ux, east), _beyond(south, uy, north))
+        if settings.candidates == "range":
+            inside = nearest <= settings.max_distance
+            columns, ux, uy, nearest = columns[inside], ux[inside], uy[inside], nearest[inside]
+        if not prune or not len(columns):
+            return columns
+        furthest = distance(np.maximum(east - ux, ux - west), np.maximum(north - uy, uy - south))
+        at_best = 100.0 * (self._standing[columns] + weight * closeness(nearest, settings))
+        at_worst = 100.0 * (self._standing[columns] + weight * closeness(furthest, settings))
+        if settings.candidates == "range":
+            at_worst = at_worst[furthest <= settings.max_distance]
+        return columns[at_best >= at_worst.max()] if len(at_worst) else columns
+
+
+@dataclass
+class _Scratch:
+    """Working arrays that one block leaves to the next."""
+
+    size: int = 0
+
+    def shaped(self, height: int, width: int) -> tuple[FloatArray, FloatArray, BoolArray]:
+        if height * width > self.size:
+            self.size = max(height * width, _BLOCK_PAIRS if self.size else 0)
+            self._score, self._work = np.empty(self.size), np.empty(self.size)
+            self._mask = np.empty(self.size, dtype=bool)
+        count = height * width
+        return (
+            self._score[:count].reshape(height, width),
+            self._work[:count].reshape(height, width),
+            self._mask[:count].reshape(height, width),
+        )
+
+
+def _beyond(low: float, value: FloatArray, high: float) -> FloatArray:
+    return np.maximum(np.maximum(low - value, value - high), 0.0)
+
+
+def _by_zone(zone: IntArray) -> dict[int, IntArray]:
+    """Ascending positions of each zone's members."""
+    order = np.argsort(zone, kind="stable")
+    edges = np.flatnonzero(np.diff(zone[order])) + 1
+    return {int(zone[group[0]]): group for group in np.split(order, edges) if len(group)}
