@@ -58,7 +58,8 @@ def test_every_row_of_the_run_is_in_the_page(recorded: Path) -> None:
         at, uav, covered = carried[row["step"], row["vehicle"]]
         assert abs(at - row["x"]) < (x1 - x0) / 65535
         assert (uav, covered) == (row["uav"], row["covered"])
-    coverage = arrays["metric_coverage"].reshape(run.summary.zones + 1, run.summary.steps + 1)
+    assert header["metricZones"] == [0, 1, 2, 3, 4]
+    coverage = arrays["metric_coverage"].reshape(5, run.summary.steps + 1)
     np.testing.assert_array_equal(coverage[3], run.metric("coverage", 3).astype(np.float32))
     assert len(header["eventArgs"]) == len(arrays["event_step"]) == len(run.events["block"])
     assert (np.diff(arrays["event_step"]) >= 0).all()
@@ -106,8 +107,8 @@ def test_header_says_the_summary(recorded: Path) -> None:
     summary = json.loads((recorded / "summary.json").read_text())
     text = write_report(recorded).read_text(encoding="utf-8")
     for expected in (
-        f"{100 * summary['coverage']:.1f} %",
-        f"{100 * summary['static_connectivity']:.1f} %",
+        f"{100 * summary['coverage']:.1f}\u00a0%",
+        f"{100 * summary['static_connectivity']:.1f}\u00a0%",
         f"{summary['served']} of {summary['vehicles']} connected vehicles",
         summary["chain_head"],
         summary["contract"],

@@ -1,4 +1,4 @@
-"""``skyrelay report``: draw a run folder's page and figures again."""
+"""``skyrelay report``."""
 
 from __future__ import annotations
 
@@ -7,12 +7,17 @@ from typing import Annotated
 
 import typer
 
-from skyrelay.report import write_figures, write_report
 
-
-def report(
+def command(
     run_dir: Annotated[Path, typer.Argument(help="A folder that `skyrelay run` has left.", show_default=False)],
 ) -> None:
-    """Draw report.html and the figures of a run folder again."""
-    for path in [*write_figures(run_dir), write_report(run_dir)]:
+    """Draw the figures and report.html of a run folder again.
+
+    Examples:
+
+      skyrelay report runs/bologna-1
+    """
+    from skyrelay.report import write_figures, write_report
+
+    for path in (*write_figures(run_dir), write_report(run_dir)):
         typer.echo(str(path))

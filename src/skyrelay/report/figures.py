@@ -69,7 +69,7 @@ def _connectivity(run: Run, axes: Axes) -> None:
             ("static_connectivity", "hovering", STATIC, "--"),
         ],
     )
-    axes.set_ylabel("zones whose team is one network [%]")
+    axes.set_ylabel("zones with a linked team [%]")
 
 
 def _bandwidth(run: Run, axes: Axes) -> None:

@@ -1,4 +1,4 @@
-"""The replay page: one self-contained HTML file (docs/decisions/ says why it is written by hand)."""
+"""The replay page: one self-contained HTML file (docs/decisions/0002-report-page.md says why by hand)."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def _hash(text: str) -> str:
 
 
 def _percent(share: float | None) -> str:
-    return "–" if share is None else f"{100 * share:.1f} %"
+    return "–" if share is None else f"{100 * share:.1f}\u00a0%"
 
 
 def _number(value: float | None) -> str:

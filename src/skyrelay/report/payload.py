@@ -83,13 +83,17 @@ def _contents(run: Run) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         positions[uav, step] = run.uavs[name]
         arrays[f"uav_{name}"] = _quantised(positions.ravel(), low, high)
     arrays["uav_zone"] = _dense(shape, uav, step, run.uavs["zone"], np.int32)
-    state = 1 + 2 * run.uavs["selected"].astype(np.uint8)
+    state = np.where(run.uavs["zone"] > 0, 1 + 2 * run.uavs["selected"].astype(np.uint8), 0)  # zone 0: it has landed
     arrays["uav_state"] = _dense(shape, uav, step, state, np.uint8)
     arrays["uav_battery"] = _dense(shape, uav, step, run.uavs["battery"], np.float32)
 
-    zones = range(grid.columns * grid.rows + 1)
-    for name in _METRICS:  # [zones + 1, steps + 1], the whole area first
-        arrays[f"metric_{name}"] = np.stack([run.metric(name, zone) for zone in zones]).astype(np.float32).ravel()
+    # Metrics: [zones that ever had a team, steps + 1], the whole area (0) first.
+    zones = np.union1d([0], run.metrics["zone"])
+    place = np.searchsorted(zones, run.metrics["zone"])
+    for name in _METRICS:
+        values = np.full((len(zones), summary.steps + 1), np.nan, np.float32)
+        values[place, run.metrics["step"]] = run.metrics[name]
+        arrays[f"metric_{name}"] = values.ravel()
 
     proposals = run.proposals
     arrays["proposal_period"] = proposals["period"].astype(np.int32)
@@ -116,6 +120,7 @@ def _contents(run: Run) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         "box": [low_x, low_y, high_x, high_y],
         "vehicles": vehicle_ids,
         "uavs": fleet,
+        "metricZones": zones.tolist(),
         "colours": _colours(arrays["uav_zone"].reshape(shape), arrays["uav_state"].reshape(shape)),
         "eventNames": names,
         "eventArgs": [_arguments(run, int(row)) for row in order],

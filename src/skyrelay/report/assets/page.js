@@ -37,9 +37,10 @@ async function load() {
   return run;
 }
 
+/* A metric's values by step in a zone (0: the whole area); a zone that never had a team has none. */
 function metric(name, zone) {
-  const start = zone * run.columns;
-  return run["metric_" + name].subarray(start, start + run.columns);
+  const start = run.metricZones.indexOf(zone) * run.columns;
+  return start < 0 ? new Float32Array(run.columns).fill(NaN) : run["metric_" + name].subarray(start, start + run.columns);
 }
 
 /* How many of the sorted values are at most `limit`. */
@@ -116,7 +117,7 @@ function observe() {
   for (let u = 0; u < run.uavs.length; u++) {
     const i = u * run.columns + at;
     const flags = run.uav_state[i];
-    if (!(flags & 1)) continue;
+    if (!(flags & 1)) continue; // it has landed
     const j = part > 0 && run.uav_state[i + 1] & 1 ? i + 1 : i;
     uavs[u] = {
       index: u, x: between(run[prefix + "x"], i, j), y: between(run[prefix + "y"], i, j), zone: run.uav_zone[i],
@@ -131,7 +132,7 @@ function observe() {
     const j = part > 0 && run.row[r + 1] >= 0 ? run.row[r + 1] : i;
     const u = run.vehicle_uav[i];
     let covered = run.vehicle_covered[i] === 1;
-    if (u >= 0 && state.mode === "static") {
+    if (uavs[u] && state.mode === "static") {
       const k = u * run.columns + at;
       covered = Math.hypot(run.vehicle_x[i] - run.uav_static_x[k], run.vehicle_y[i] - run.uav_static_y[k]) <= run.range;
     }
@@ -228,6 +229,7 @@ function drawMap(scene) {
   drawZones(pen);
   if (layers.serving) drawServing(pen, scene);
   if (layers.links) drawLinks(pen, scene);
+  drawPickedLines(pen, scene);
   drawVehicles(pen, scene);
   drawUavs(pen, scene);
   drawPicked(pen, scene);
@@ -238,25 +240,32 @@ function drawZones(pen) {
   const { grid } = run;
   const side = grid.side * map.view.scale;
   const at = step();
+  const prefix = state.mode === "static" ? "static_" : "";
+  const left = sx(grid.x0), bottom = sy(grid.y0), right = left + side * grid.columns, top = bottom - side * grid.rows;
+  const sharp = (pixel) => Math.round(pixel) + 0.5;
+  pen.strokeStyle = theme.zone;
+  pen.lineWidth = 1;
+  pen.beginPath();
+  for (let column = 0; column <= grid.columns; column++) {
+    pen.moveTo(sharp(left + column * side), sharp(top));
+    pen.lineTo(sharp(left + column * side), sharp(bottom));
+  }
+  for (let row = 0; row <= grid.rows; row++) {
+    pen.moveTo(sharp(left), sharp(bottom - row * side));
+    pen.lineTo(sharp(right), sharp(bottom - row * side));
+  }
+  pen.stroke();
+  if (side < 60) return;
   pen.textBaseline = "top";
-  for (let row = 0; row < grid.rows; row++) {
-    for (let column = 0; column < grid.columns; column++) {
-      const zone = row * grid.columns + column + 1;
-      const x = Math.round(sx(grid.x0 + column * grid.side)) + 0.5;
-      const y = Math.round(sy(grid.y0 + (row + 1) * grid.side)) + 0.5;
-      pen.strokeStyle = theme.zone;
-      pen.lineWidth = 1;
-      pen.strokeRect(x, y, Math.round(side), Math.round(side));
-      if (side < 60) continue;
-      const vehicles = metric("vehicles", zone)[at];
-      label(pen, "Zone " + zone, x + 7, y + 7, theme.muted);
-      if (side < 150 || !(vehicles > 0)) continue;
-      const prefix = state.mode === "static" ? "static_" : "";
-      const linked = metric(prefix + "connectivity", zone)[at] >= 1;
-      const covered = Math.round(100 * metric(prefix + "coverage", zone)[at]);
-      const indent = pen.measureText("Zone 00").width + 14;
-      label(pen, `${covered} %, ${linked ? "linked" : "split"}`, x + indent, y + 7, linked ? theme.muted : theme.warn, 400);
-    }
+  for (let zone = 1; zone <= grid.columns * grid.rows; zone++) {
+    const x = left + ((zone - 1) % grid.columns) * side + 7;
+    const y = bottom - (Math.floor((zone - 1) / grid.columns) + 1) * side + 7;
+    label(pen, "Zone " + zone, x, y, theme.muted);
+    if (side < 150 || !(metric("vehicles", zone)[at] > 0)) continue;
+    const linked = metric(prefix + "connectivity", zone)[at] >= 1;
+    const covered = Math.round(100 * metric(prefix + "coverage", zone)[at]);
+    const indent = pen.measureText("Zone " + zone + "  ").width;
+    label(pen, `${covered} %, ${linked ? "linked" : "split"}`, x + indent, y, linked ? theme.muted : theme.warn, 400);
   }
 }
 
@@ -322,7 +331,7 @@ function drawLinks(pen, { links }) {
 
 const vehicleRadius = () => Math.max(2.6, Math.min(5, 60 / Math.sqrt(run.vehicles.length))) * (state.zone ? 1.5 : 1);
 
-function drawVehicles(pen, { uavs, vehicles }) {
+function drawVehicles(pen, { vehicles }) {
   const radius = vehicleRadius();
   const dots = (keep, r) => {
     pen.beginPath();
@@ -338,7 +347,7 @@ function drawVehicles(pen, { uavs, vehicles }) {
   pen.lineWidth = 1.8;
   pen.strokeStyle = theme.map;
   for (let colour = 0; colour < theme.colours.length; colour++) {
-    dots((v) => uavs[v.uav]?.colour === colour, radius);
+    dots((v) => run.colours[v.uav] === colour, radius);
     pen.stroke();
     pen.fillStyle = theme.colours[colour];
     pen.fill();
@@ -349,13 +358,13 @@ function drawVehicles(pen, { uavs, vehicles }) {
 }
 
 function drawUavs(pen, { uavs }) {
-  const size = state.zone ? 8 : 6;
+  const size = state.zone ? 8 : Math.max(4, Math.min(6, 38 / Math.sqrt(run.uavs.length)));
   pen.textBaseline = "middle";
   for (const uav of [...uavs].filter(Boolean).sort((a, b) => a.selected - b.selected)) {
     const x = sx(uav.x), y = sy(uav.y);
     const r = uav.selected ? size : size * 0.7;
     pen.strokeStyle = uav.selected ? theme.ink : theme.grey;
-    pen.lineWidth = 1.3;
+    pen.lineWidth = 1.1;
     pen.fillStyle = theme.map;
     pen.beginPath();
     for (const [dx, dy] of [[-1, -1], [1, -1], [1, 1], [-1, 1]]) {
@@ -394,23 +403,30 @@ const member = (scene, picked) => picked?.kind === "uav"
   ? scene.uavs[picked.index]
   : scene.vehicles.find((vehicle) => vehicle.index === picked?.index);
 
+/* Whom the picked UAV serves, or who serves the picked vehicle. */
+function drawPickedLines(pen, scene) {
+  pen.strokeStyle = theme.ink;
+  pen.lineWidth = 2;
+  pen.beginPath();
+  for (const picked of [state.picked, state.hovered]) {
+    for (const vehicle of scene.vehicles) {
+      const uav = scene.uavs[vehicle.uav];
+      if (!picked || !uav || picked.index !== (picked.kind === "uav" ? vehicle.uav : vehicle.index)) continue;
+      pen.moveTo(sx(uav.x), sy(uav.y));
+      pen.lineTo(sx(vehicle.x), sy(vehicle.y));
+    }
+  }
+  pen.stroke();
+}
+
 function drawPicked(pen, scene) {
+  pen.strokeStyle = theme.ink;
+  pen.lineWidth = 2;
   for (const picked of [state.picked, state.hovered]) {
     const found = picked && member(scene, picked);
     if (!found) continue;
-    pen.strokeStyle = theme.ink;
-    pen.lineWidth = 2;
     pen.beginPath();
     pen.arc(sx(found.x), sy(found.y), picked.kind === "uav" ? 15 : 9, 0, 7);
-    pen.stroke();
-    const serving = picked.kind === "uav"
-      ? scene.vehicles.filter((vehicle) => vehicle.uav === picked.index).map((vehicle) => [found, vehicle])
-      : scene.uavs[found.uav] ? [[scene.uavs[found.uav], found]] : [];
-    pen.beginPath();
-    for (const [a, b] of serving) {
-      pen.moveTo(sx(a.x), sy(a.y));
-      pen.lineTo(sx(b.x), sy(b.y));
-    }
     pen.stroke();
   }
 }
@@ -473,7 +489,7 @@ function makeCharts() {
   for (const chart of CHARTS) {
     const box = html("div", { className: "chart" }, $("charts"));
     const head = html("header", {}, box);
-    html("h2", { textContent: chart.title }, head);
+    chart.heading = html("h2", {}, head);
     chart.values = html("div", { className: "values" }, head);
     chart.plot = html("div", { className: "plot" }, box);
     chart.svg = svg("svg", { role: "img", "aria-label": chart.title + " over time" }, chart.plot);
@@ -494,6 +510,7 @@ function drawCharts() {
   const px = (at) => LEFT + (at / Math.max(1, run.steps)) * plotWidth;
   CHARTS.forEach((chart, index) => {
     const last = index === CHARTS.length - 1;
+    chart.heading.textContent = chart.title + (state.zone ? ", zone " + state.zone : "");
     const plotHeight = Math.max(20, chart.plot.clientHeight - 14);
     const series = chart.lines.map(([name]) => metric(name, state.zone));
     let low = Infinity, high = -Infinity;
@@ -622,7 +639,7 @@ function drawEvents() {
 
 function drawTexts(scene) {
   const at = step();
-  if (document.activeElement !== $("scrub") || +$("scrub").value !== at) $("scrub").value = at;
+  $("scrub").value = at;
   $("scrub").setAttribute("aria-valuetext", `${clockText(at)}, step ${at} of ${run.steps}`);
   $("clock").replaceChildren(clockText(at), html("small", { textContent: " / " + clockText(run.steps) }));
   const period = periodOf(at);
@@ -631,8 +648,8 @@ function drawTexts(scene) {
   const served = scene.vehicles.filter((vehicle) => vehicle.uav >= 0);
   const selected = scene.uavs.filter((uav) => uav?.selected).length;
   $("status").textContent =
-    `Step ${at} of ${run.steps}. Selection ${period + 1} of ${periods}: ${asked} proposals, ${accepted} accepted, ` +
-    `${selected} UAVs at work. ${scene.vehicles.length} vehicles on the map, ${served.length} served, ` +
+    `Selection ${period + 1} of ${periods}: ${accepted} of ${asked} proposals accepted, ${selected} UAVs at work. ` +
+    `${scene.vehicles.length} vehicles here, ${served.length} served, ` +
     `${served.filter((vehicle) => vehicle.covered).length} in range.`;
   if (!state.playing) map.canvas.setAttribute("aria-label", "Map of the run. " + $("status").textContent);
   drawCard(scene, at, period);
@@ -645,7 +662,7 @@ function drawCard(scene, at, period) {
   const found = member(scene, shown);
   const lines = [];
   if (shown.kind === "uav") {
-    if (!found) lines.push("not in the air");
+    if (!found) lines.push("has landed");
     else if (found.selected) lines.push(`zone ${found.zone}, serves ${found.serves}, ${found.covers} of them in range`, `battery ${number(found.battery, 1)} %`);
     else lines.push(`zone ${found.zone}, idle`, `battery ${number(found.battery, 1)} %`);
   } else {
@@ -711,7 +728,7 @@ function makeControls() {
     html("option", { value: rate, textContent: "×" + +(rate * run.stepSeconds).toFixed(2), selected: rate === state.rate }, $("speed"));
   }
   $("speed").title = `Times real time; the run lasts ${clockText(run.steps)} (${total} s)`;
-  for (let zone = 1; zone <= run.grid.columns * run.grid.rows; zone++) html("option", { value: zone, textContent: zone }, $("zone"));
+  for (const zone of run.metricZones) html("option", { value: zone, textContent: zone || "all" }, $("zone"));
   const counts = new Array(run.eventNames.length).fill(0);
   for (const name of run.event_name) counts[name]++;
   html("option", { value: "", textContent: "all kinds" }, $("event-name"));
@@ -747,7 +764,8 @@ function makeControls() {
     const column = Math.floor(((x - map.view.x) / map.view.scale - run.grid.x0) / run.grid.side);
     const row = Math.floor(((map.view.y - y) / map.view.scale - run.grid.y0) / run.grid.side);
     const inside = column >= 0 && row >= 0 && column < run.grid.columns && row < run.grid.rows;
-    setZone(inside && !state.zone ? row * run.grid.columns + column + 1 : 0);
+    const zone = row * run.grid.columns + column + 1;
+    setZone(inside && !state.zone && run.metricZones.includes(zone) ? zone : 0);
   });
 
   addEventListener("keydown", (event) => {
@@ -814,7 +832,8 @@ async function start() {
   if (wanted.get("theme") === "dark" || wanted.get("theme") === "light") setTheme(wanted.get("theme"));
   if (wanted.get("mode") === "static") setMode("static");
   const zone = parseInt(wanted.get("zone"), 10);
-  if (zone > 0 && zone <= run.grid.columns * run.grid.rows) setZone(zone);
+  if (run.metricZones.includes(zone)) state.zone = zone;
+  $("zone").value = state.zone;
   filterEvents();
   new ResizeObserver(() => { drawCharts(); drawPeriods(); draw(); }).observe(document.body);
   new ResizeObserver(draw).observe(map.canvas);
