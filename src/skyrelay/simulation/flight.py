@@ -90,7 +90,7 @@ class Flight:
 
     def spent(self) -> IntArray:
         """Rows of the UAVs in the air whose battery is down to the reserve."""
-        low = (self.fleet.zone > 0) & (self.fleet.battery <= self._energy.reserve * 100.0)
+        low = (self.fleet.zone > 0) & (self.fleet.battery <= self._energy.reserve)
         return np.flatnonzero(low).astype(np.int64)
 
     def retire(self, rows: IntArray) -> None:

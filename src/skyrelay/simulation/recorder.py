@@ -95,6 +95,8 @@ SCHEMAS: dict[str, pa.Schema] = {
             "reputation": _F64,
         }
     ),
+    # Whose account an address is; kind is vehicle, uav or party.
+    "accounts": pa.schema({"name": _TEXT, "address": _TEXT, "kind": _TEXT}),
     # Every event of the contract; args is a JSON object.
     "events": pa.schema({"block": _I64, "tx": _I32, "log": _I32, "step": _I32, "name": _TEXT, "args": _TEXT}),
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -21,12 +21,12 @@ class Members:
     Attributes:
         demand: [V] [kbit/s].
         payment: [V] [cents per Mbit/s].
-        reputation: [V] [hundredths].
+        reputation: [V] [0-100], in hundredths.
     """
 
     demand: IntArray
     payment: IntArray
-    reputation: IntArray
+    reputation: FloatArray
 
 
 @dataclass
@@ -38,9 +38,8 @@ class Fleet:
         x, y: [U] position [m].
         zone: [U] zone id; 0 for a UAV that has left.
         bandwidth: [U] [kbit/s].
-        battery: [U] [hundredths of the battery's percent], falling.
-        reputation: [U] [hundredths].
-        home_x, home_y: [U] where each was deployed, and where the static comparator hovers [m].
+        battery: [U] [0-100], falling.
+        reputation: [U] [0-100], in hundredths.
     """
 
     ids: tuple[str, ...]
@@ -49,14 +48,16 @@ class Fleet:
     zone: IntArray
     bandwidth: IntArray
     battery: FloatArray
-    reputation: IntArray
-    home_x: FloatArray
-    home_y: FloatArray
+    reputation: FloatArray
+
+    def copy(self) -> Fleet:
+        """The same UAVs, independent of these."""
+        return replace(self, x=self.x.copy(), y=self.y.copy(), zone=self.zone.copy(), battery=self.battery.copy())
 
     def drain(self, config: Energy, moved: npt.NDArray[np.bool_], seconds: float) -> None:
         """Take from every UAV in the air what a step cost it; a UAV that has left has landed."""
         per_minute = np.where(moved, config.move_per_minute, config.hover_per_minute)
-        spent = np.where(self.zone > 0, per_minute * seconds / 60.0 * 100.0, 0.0)
+        spent = np.where(self.zone > 0, per_minute * seconds / 60.0, 0.0)
         self.battery = np.maximum(self.battery - spent, 0.0)
 
 
@@ -67,7 +68,7 @@ def draw_members(scenario: Scenario, count: int) -> Members:
     return Members(
         demand=_uniform(random, config.bandwidth, 1000, count).clip(min=1),
         payment=_uniform(random, config.payment, 1, count),
-        reputation=_uniform(random, config.reputation, 100, count),
+        reputation=_uniform(random, config.reputation, 100, count) / 100.0,
     )
 
 
@@ -96,10 +97,8 @@ def deploy_fleet(scenario: Scenario, tracks: Tracks, grid: ZoneGrid) -> Fleet:
         y=position[:, 1].copy(),
         zone=zone.astype(np.int64),
         bandwidth=_uniform(random, config.bandwidth, 1000, config.uavs),
-        battery=_uniform(random, config.battery, 100, config.uavs).astype(np.float64),
-        reputation=_uniform(random, config.reputation, 100, config.uavs),
-        home_x=position[:, 0].copy(),
-        home_y=position[:, 1].copy(),
+        battery=_uniform(random, config.battery, 100, config.uavs) / 100.0,
+        reputation=_uniform(random, config.reputation, 100, config.uavs) / 100.0,
     )
 
 

@@ -1,0 +1,107 @@
+"""The parties that are neither vehicle nor UAV: who deploys, coordinates, publishes models and sets reputations."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from types import TracebackType
+
+from skyrelay.chain.client import IovClient, Role, Settings
+from skyrelay.chain.embedded import EmbeddedChain
+from skyrelay.core.scenario import Scenario
+from skyrelay.policy import Policy
+from skyrelay.store.cid import Cid
+from skyrelay.store.local import LocalStore
+from skyrelay.store.model_store import ModelStore
+
+CHAIN_FOLDER = "chain"
+STORE_FOLDER = "store"
+
+
+class Hangar:
+    """Loads policies; UAVs that were given the same file share one, as all of them are in this process."""
+
+    def __init__(self) -> None:
+        self._policies: dict[bytes, Policy] = {}
+
+    def load(self, data: bytes) -> Policy:
+        """A checked policy from a file's bytes.
+
+        Raises:
+            ModelError: the card or the network does not fit a UAV.
+        """
+        digest = hashlib.sha256(data).digest()
+        if digest not in self._policies:
+            self._policies[digest] = Policy.load(data)
+        return self._policies[digest]
+
+
+class Consortium:
+    """The chain with the deployed contract, the model store, and the accounts with a role.
+
+    Args:
+        scenario: resolved.
+        folder: of the run.
+    """
+
+    def __init__(self, scenario: Scenario, folder: Path) -> None:
+        self.chain = EmbeddedChain(folder / CHAIN_FOLDER)
+        self.store: ModelStore = LocalStore(folder / STORE_FOLDER)
+        self.hangar = Hangar()
+        self.administrator = self.account("administrator")
+        self.coordinator = self.account("coordinator")
+        self.publisher = self.account("publisher")
+        self.authority = self.account("reputation authority")
+        self.client = IovClient.deploy(self.chain, Settings.of(scenario.selection), self.administrator)
+        self._policies = _policy_files(scenario.coordination.policy)
+
+    def account(self, name: str) -> str:
+        """The address of a party or member."""
+        return self.chain.account(name)
+
+    def parties(self) -> dict[str, str]:
+        """Name and address of those with a role."""
+        names = ("administrator", "coordinator", "publisher", "reputation authority")
+        return {name: self.account(name) for name in names}
+
+    def found(self) -> None:
+        """Grant the roles, store every policy and register it by its CID."""
+        client = self.client
+        roles = {
+            Role.COORDINATOR: self.coordinator,
+            Role.PUBLISHER: self.publisher,
+            Role.REPUTATION: self.authority,
+        }
+        client.execute([client.grant_role(self.administrator, role, account) for role, account in roles.items()])
+        calls = []
+        for data in self._policies:
+            card = self.hangar.load(data).card
+            cid = self.store.put(data)
+            calls.append(client.register_model(self.publisher, bytes(cid), chain_card(card)))
+        client.execute(calls)
+
+    def cid_of_model(self, model_id: str) -> Cid:
+        """The CID that the contract holds for a model."""
+        return Cid.from_bytes(self.client.model(model_id).cid, f"model {model_id}")
+
+    def __enter__(self) -> Consortium:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.chain.close()
+
+
+def _policy_files(name: str) -> Sequence[bytes]:
+    """The shipped policies, or the one at a path."""
+    if name == "auto":
+        folder = files("skyrelay.data") / "policies"
+        return [
+            item.read_bytes()
+            for item in sorted(folder.iterdir(), key=lambda item: item.name)
+            if item.name.endswith(".onnx")
+        ]
+    return [Policy.read(Path(name))]

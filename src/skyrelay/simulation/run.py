@@ -1,0 +1,566 @@
+"""A whole scenario, in the order of the paper's process sequence: register, select, fetch the policy, fly, repeat."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+
+from skyrelay.chain.abi import Event
+from skyrelay.chain.chain import Call
+from skyrelay.chain.client import QOV_UNIT
+from skyrelay.core.entities import FloatArray, IntArray, UavTable, VehicleTable
+from skyrelay.core.files import write_text
+from skyrelay.core.progress import Progress
+from skyrelay.core.scenario import Scenario, to_toml
+from skyrelay.core.zones import ZoneGrid
+from skyrelay.mobility import Tracks, load_tracks
+from skyrelay.policy import Policy
+from skyrelay.protocol.coordinator import ZoneCoordinator
+from skyrelay.protocol.sequence import UavState, VehicleState, ZoneState
+from skyrelay.protocol.uav import UavAgent
+from skyrelay.protocol.vehicle import VehicleAgent
+from skyrelay.protocol.zone_view import ZoneView, read_zone
+from skyrelay.selection import select
+from skyrelay.simulation.consortium import Consortium
+from skyrelay.simulation.flight import NOBODY, Flight, Measure
+from skyrelay.simulation.recorder import Recorder
+from skyrelay.simulation.world import Fleet, deploy_fleet, draw_members
+
+REPUTATIONS_PER_CALL = 100
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def resolve(scenario: Scenario, grid: ZoneGrid) -> Scenario:
+    """The scenario with what depends on the area filled in: the range, and the distance gate no further than it."""
+    reach = scenario.fleet.range if scenario.fleet.range is not None else grid.side / 2
+    # Down to the contract's 0.1 m, so that what a vehicle takes for a candidate the contract does too.
+    gate = math.floor(min(scenario.selection.max_distance, reach) * 10) / 10
+    return scenario.model_copy(
+        update={
+            "fleet": scenario.fleet.model_copy(update={"range": reach}),
+            "selection": scenario.selection.model_copy(update={"max_distance": gate}),
+        }
+    )
+
+
+def play(scenario: Scenario, folder: Path, progress: Progress) -> dict[str, Any]:
+    """Play a scenario and leave its record in ``folder``.
+
+    Returns: the summary, as in ``summary.json``.
+    Raises:
+        TraceError, ModelError, StoreError, ChainError: naming what was wrong with what.
+    """
+    begin = time.monotonic()
+    progress.stage("Vehicles", 1)
+    tracks = load_tracks(scenario)
+    grid = ZoneGrid.over(*tracks.box, scenario.zones.columns, scenario.zones.rows)
+    scenario = resolve(scenario, grid)
+    write_text(folder / "scenario.toml", to_toml(scenario))
+    config = scenario.coordination
+    starts = range(0, config.steps, config.period_steps)
+    with Consortium(scenario, folder) as consortium:
+        run = _Run(scenario, tracks, grid, consortium)
+        progress.stage("Consortium and members", 1)
+        run.found()
+        progress.stage("Selection and flight", config.steps)
+        for period, start in enumerate(starts):
+            run.select(period, start)
+            for step in range(start + 1, min(start + config.period_steps, config.steps) + 1):
+                run.fly(step)
+                progress.advance()
+        progress.stage("Record", 1)
+        summary = run.summary(len(starts)) | {"wall_seconds": round(time.monotonic() - begin, 3)}
+        run.record(folder)
+    write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+    return summary
+
+
+class _Run:
+    """What lives as long as a run does."""
+
+    def __init__(self, scenario: Scenario, tracks: Tracks, grid: ZoneGrid, consortium: Consortium) -> None:
+        self.scenario, self.tracks, self.grid, self.consortium = scenario, tracks, grid, consortium
+        self.client = consortium.client
+        self.recorder = Recorder()
+        self.members = draw_members(scenario, len(tracks.ids))
+        fleet = deploy_fleet(scenario, tracks, grid)
+        self.flying = _Team(scenario, fleet, grid, self.members.demand)
+        self.hovering = _Team(scenario, fleet.copy(), grid, self.members.demand)
+        self.vehicles = [
+            VehicleAgent(name, consortium.account(name), int(demand), int(payment), scenario.selection)
+            for name, demand, payment in zip(tracks.ids, self.members.demand, self.members.payment, strict=True)
+        ]
+        self.uavs = [
+            UavAgent(
+                name,
+                consortium.account(name),
+                scenario.fleet.altitude,
+                int(bandwidth),
+                consortium.store,
+                consortium.hangar.load,
+            )
+            for name, bandwidth in zip(fleet.ids, fleet.bandwidth, strict=True)
+        ]
+        self.vehicle_row = {agent.address: row for row, agent in enumerate(self.vehicles)}
+        self.uav_row = {agent.address: row for row, agent in enumerate(self.uavs)}
+        self.coordinators = {
+            zone: ZoneCoordinator(zone, consortium.coordinator, scenario.chain.proposals_per_call) for zone in grid.ids
+        }
+        self.step_of_block: dict[int, int] = {}
+        self.submissions = 0
+        self.transactions = self.gas_used = 0
+        self.chain_seconds = 0.0
+        self.qou: list[float] = []
+        self.qov: list[float] = []
+        self.cids: set[str] = set()
+
+    # The stages
+
+    def found(self) -> None:
+        """Roles, models, and the registration of every UAV; vehicles register when they appear."""
+        self._timed(self.consortium.found)
+        fleet = self.flying.fleet
+        self._execute(
+            [
+                agent.register(
+                    self.client,
+                    fleet.x[row].item(),
+                    fleet.y[row].item(),
+                    fleet.battery[row].item(),
+                    int(fleet.zone[row]),
+                )
+                for row, agent in enumerate(self.uavs)
+            ],
+            step=0,
+        )
+        self._set_reputations(
+            {agent.address: value.item() for agent, value in zip(self.uavs, fleet.reputation, strict=True)}, step=0
+        )
+
+    def select(self, period: int, step: int) -> None:
+        """One selection period: records brought up to date, proposals, allocation, a policy for each zone."""
+        self._close_period(step)
+        self._retire_spent(step)
+        self._report_positions(step)
+        views = self._views()
+        self._record_period(period, step, views)
+        proposals: list[dict[str, Any]] = []
+        for round_ in range(1, self.scenario.selection.rounds + 1):
+            submitted = self._propose(period, round_, step, views)
+            if not submitted:
+                break
+            proposals += submitted
+            self._allocate({row["zone"] for row in submitted}, step)
+            if round_ < self.scenario.selection.rounds:
+                views = self._reopen(views)
+        self._record_proposals(proposals)
+        owner = np.array(
+            [
+                self.uav_row[agent.uav] if agent.state is VehicleState.SERVED and agent.uav else NOBODY
+                for agent in self.vehicles
+            ]
+        )
+        self.flying.assign(owner, self._equip(step))
+        self.hovering.assign(self._static_selection(step), {})
+        if step == 0:
+            self._record_step(0)
+
+    def fly(self, step: int) -> None:
+        """From ``step - 1`` to ``step``: UAVs decide on what they see, everyone moves, the result is measured."""
+        x, y = self.tracks.x[step - 1], self.tracks.y[step - 1]
+        for team in (self.flying, self.hovering):
+            team.flight.step(x, y)
+        self._retire_spent(step)
+        self._record_step(step)
+
+    # Selection
+
+    def _close_period(self, step: int) -> None:
+        """resetListsForZone() where a period is open; everyone is free again."""
+        zones = [c for c in self.coordinators.values() if c.machine.state is not ZoneState.COLLECTING]
+        self._execute([coordinator.reset(self.client) for coordinator in zones], step)
+        for agent in (*self.vehicles, *self.uavs):
+            agent.end_period()
+
+    def _retire_spent(self, step: int) -> None:
+        """UAVs with an empty battery leave: the flying fleet's on the chain, the comparator's in the air only."""
+        rows = self.flying.flight.spent()
+        self._execute([self.uavs[row].retire(self.client) for row in rows], step)
+        self.flying.flight.retire(rows)
+        self.hovering.flight.retire(self.hovering.flight.spent())
+
+    def _report_positions(self, step: int) -> None:
+        """Everyone who is there tells the contract where: registerVehicle(), updateVehicleInfo(), updateUAVInfo()."""
+        x, y = self.tracks.x[step].round(1), self.tracks.y[step].round(1)
+        there = np.isfinite(x)
+        zone = self.grid.zone_of(np.nan_to_num(self.tracks.x[step]), np.nan_to_num(self.tracks.y[step]))
+        new = [row for row in np.flatnonzero(there) if self.vehicles[row].state is VehicleState.NEW]
+        calls = []
+        for row, agent in enumerate(self.vehicles):
+            if there[row]:
+                calls.append(agent.report(self.client, x[row].item(), y[row].item(), int(zone[row])))
+            else:
+                agent.leave()
+        fleet = self.flying.fleet
+        calls += [
+            agent.update(self.client, fleet.x[row].item(), fleet.y[row].item(), fleet.battery[row].item())
+            for row, agent in enumerate(self.uavs)
+            if agent.state is UavState.AVAILABLE
+        ]
+        self._execute(calls, step)
+        self._set_reputations({self.vehicles[row].address: self.members.reputation[row].item() for row in new}, step)
+
+    def _set_reputations(self, reputations: dict[str, float], step: int) -> None:
+        """The consortium's authority gives new members what the scenario draws (the paper's uniform reputations)."""
+        members = list(reputations)
+        pieces = [members[i : i + REPUTATIONS_PER_CALL] for i in range(0, len(members), REPUTATIONS_PER_CALL)]
+        authority = self.consortium.authority
+        self._execute(
+            [self.client.set_reputations(authority, {m: reputations[m] for m in piece}) for piece in pieces], step
+        )
+
+    def _views(self) -> dict[int, ZoneView]:
+        """What vehicles read of their zones; every vehicle of a zone reads the same block."""
+        read = {zone: self._timed(read_zone, self.client, zone) for zone in self.grid.ids}
+        return {zone: view for zone, view in read.items() if view is not None}
+
+    def _reopen(self, views: dict[int, ZoneView]) -> dict[int, ZoneView]:
+        """Another round: the zones that were allocated take proposals again, under a new round number."""
+        for coordinator in self.coordinators.values():
+            if coordinator.machine.state is ZoneState.ALLOCATED:
+                coordinator.open_round()
+        return {zone: replace(view, round=self._round_of(zone)) for zone, view in views.items()}
+
+    def _round_of(self, zone: int) -> int:
+        info = self._timed(self.client.zone_info, zone)
+        if info is None:
+            raise RuntimeError(f"zone {zone} was there a moment ago")
+        return int(info.round)
+
+    def _propose(self, period: int, round_: int, step: int, views: dict[int, ZoneView]) -> list[dict[str, Any]]:
+        """Algorithm 1 at every vehicle without a UAV, then submitVehSelection()."""
+        zone = self.grid.zone_of(np.nan_to_num(self.tracks.x[step]), np.nan_to_num(self.tracks.y[step]))
+        calls, rows = [], []
+        for row, agent in enumerate(self.vehicles):
+            view = views.get(int(zone[row]))
+            if view is None or agent.state not in {VehicleState.IDLE, VehicleState.UNSERVED}:
+                continue
+            choice = agent.choose(view)
+            if round_ == 1 and choice.weighed:
+                self.recorder.add(
+                    "candidates",
+                    period=period,
+                    vehicle=agent.name,
+                    uav=[self._name_of(address) for address in choice.weighed],
+                    qou=list(choice.weighed.values()),
+                )
+            if choice.uav is not None:
+                calls.append(agent.submit(self.client, choice.uav, view))
+                rows.append({"vehicle": row, "uav": self.uav_row[choice.uav], "zone": view.zone, "qou": choice.qou})
+        submitted = [e.args for e in self._execute(calls, step) if e.name == "VehSelectionSubmitted"]
+        for row, args in zip(rows, submitted, strict=True):
+            row |= {
+                "period": period,
+                "round": round_,
+                "qov": args["qov"],
+                "score": args["score"],
+                "order": self.submissions,
+            }
+            self.submissions += 1
+        return rows
+
+    def _allocate(self, zones: set[int], step: int) -> None:
+        """allocateZone() in pieces until every zone is decided; vehicles and UAVs learn the result."""
+        pending = sorted(zones)
+        held: dict[str, list[str]] = {}
+        while pending:
+            events = self._execute([self.coordinators[zone].allocate(self.client) for zone in pending], step)
+            for event in events:
+                if event.name == "UAVAllocated":
+                    held[event.args["uav"]] = event.args["selected"]
+                    self.uavs[self.uav_row[event.args["uav"]]].learn(len(event.args["selected"]))
+            done = {event.args["zone"] for event in events if event.name == "ZoneAllocated"}
+            for zone in done:
+                self.coordinators[zone].allocated()
+            pending = [zone for zone in pending if zone not in done]
+        for agent in self.vehicles:
+            if agent.state in {VehicleState.PROPOSED, VehicleState.SERVED} and agent.uav in held:
+                agent.learn(agent.address in held[agent.uav])
+
+    def _equip(self, step: int) -> dict[int, Policy]:
+        """determineMDRLModel() for every zone with a team; each of its UAVs fetches the policy by CID and checks it."""
+        teams: dict[int, list[UavAgent]] = {}
+        for row, agent in enumerate(self.uavs):
+            if agent.state is UavState.SELECTED:
+                teams.setdefault(int(self.flying.fleet.zone[row]), []).append(agent)
+        events = self._execute([self.coordinators[zone].determine_model(self.client) for zone in sorted(teams)], step)
+        policies = {}
+        for event in events:
+            if event.name == "ModelAssigned":
+                cid = self._timed(self.consortium.cid_of_model, event.args["modelId"])
+                self.cids.add(str(cid))
+                for agent in teams[event.args["zone"]]:
+                    policies[event.args["zone"]] = agent.equip(cid)
+        return policies
+
+    def _static_selection(self, step: int) -> IntArray:
+        """[V] the row of each vehicle's UAV where the same fleet hovers: the same rules, at its own positions."""
+        rows = np.flatnonzero(np.isfinite(self.tracks.x[step]))
+        fleet = self.hovering.fleet
+        airborne = np.flatnonzero(fleet.zone > 0)
+        vehicles = VehicleTable(
+            ids=tuple(self.tracks.ids[row] for row in rows),
+            x=self.tracks.x[step, rows],
+            y=self.tracks.y[step, rows],
+            zone=self.grid.zone_of(self.tracks.x[step, rows], self.tracks.y[step, rows]),
+            demand=self.members.demand[rows].astype(np.float64),
+            payment=self.members.payment[rows].astype(np.float64),
+            reputation=self.members.reputation[rows],
+        )
+        uavs = UavTable(
+            ids=tuple(fleet.ids[row] for row in airborne),
+            x=fleet.x[airborne],
+            y=fleet.y[airborne],
+            zone=fleet.zone[airborne],
+            bandwidth=fleet.bandwidth[airborne].astype(np.float64),
+            battery=fleet.battery[airborne],
+            reputation=fleet.reputation[airborne],
+        )
+        chosen = select(vehicles, uavs, settings=self.scenario.selection).assignment
+        owner = np.full(len(self.tracks.ids), NOBODY)
+        owner[rows[chosen >= 0]] = airborne[chosen[chosen >= 0]]
+        return owner
+
+    # The chain
+
+    def _execute(self, calls: Sequence[Call], step: int) -> list[Event]:
+        """Have calls mined at a step's time; all of them must succeed."""
+        if not calls:
+            return []
+        timestamp = 1 + math.floor(step * self.scenario.coordination.step_seconds)
+        receipts = self._timed(self.client.execute, calls, timestamp)
+        for receipt in receipts:
+            self.step_of_block[receipt.block] = step
+            self.gas_used += receipt.gas_used
+        self.transactions += len(receipts)
+        return self.client.events_of(receipts)
+
+    def _timed(self, ask: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+        """Call, and count the time as the chain's."""
+        begin = time.monotonic()
+        try:
+            return ask(*args, **kwargs)
+        finally:
+            self.chain_seconds += time.monotonic() - begin
+
+    def _name_of(self, address: str) -> str:
+        return self.uavs[self.uav_row[address]].name
+
+    # The record
+
+    def _record_period(self, period: int, step: int, views: dict[int, ZoneView]) -> None:
+        """The records on the chain that the period's selection works with."""
+        for view in views.values():
+            uavs = view.uavs
+            if len(uavs):
+                self.recorder.add(
+                    "fleet",
+                    period=period,
+                    uav=[self._name_of(address) for address in uavs.ids],
+                    zone=uavs.zone,
+                    x=uavs.x,
+                    y=uavs.y,
+                    bandwidth_kbps=uavs.bandwidth.astype(np.int32),
+                    battery=uavs.battery,
+                    reputation=uavs.reputation,
+                )
+        rows = np.flatnonzero(np.isfinite(self.tracks.x[step]))
+        x, y = self.tracks.x[step, rows], self.tracks.y[step, rows]
+        self.recorder.add(
+            "members",
+            period=period,
+            vehicle=[self.tracks.ids[row] for row in rows],
+            zone=self.grid.zone_of(x, y),
+            x=x.round(1),
+            y=y.round(1),
+            demand_kbps=self.members.demand[rows],
+            payment=self.members.payment[rows].astype(np.float64),
+            reputation=self.members.reputation[rows],
+        )
+
+    def _record_proposals(self, proposals: Sequence[dict[str, Any]]) -> None:
+        """Every proposal of a period, and whether its UAV held on to it to the end."""
+        if not proposals:
+            return
+        last = {row["vehicle"]: row["order"] for row in proposals}
+        for row in proposals:
+            agent = self.vehicles[row["vehicle"]]
+            row["accepted"] = last[row["vehicle"]] == row["order"] and agent.state is VehicleState.SERVED
+            if row["accepted"]:
+                self.qou.append(row["qou"])
+                self.qov.append(row["qov"] * QOV_UNIT)
+        self.recorder.add(
+            "proposals",
+            **{key: [row[key] for row in proposals] for key in ("period", "round", "zone", "qou", "qov", "score")},
+            vehicle=[self.tracks.ids[row["vehicle"]] for row in proposals],
+            uav=[self.flying.fleet.ids[row["uav"]] for row in proposals],
+            demand_kbps=[int(self.members.demand[row["vehicle"]]) for row in proposals],
+            accepted=[row["accepted"] for row in proposals],
+            order=[row["order"] for row in proposals],
+        )
+
+    def _record_step(self, step: int) -> None:
+        x, y = self.tracks.x[step], self.tracks.y[step]
+        flying, hovering = self.flying, self.hovering
+        measured = {m.zone: m for m in flying.measure(x, y, count=step > 0)}
+        static = {m.zone: m for m in hovering.measure(x, y, count=step > 0)}
+        zones = sorted(measured)
+        nothing = Measure(0, 0, 0, math.nan, math.nan, math.nan, 0.0)
+        self.recorder.add(
+            "metrics",
+            step=step,
+            time=step * self.scenario.coordination.step_seconds,
+            zone=zones,
+            vehicles=[measured[zone].vehicles for zone in zones],
+            covered=[measured[zone].covered for zone in zones],
+            coverage=[measured[zone].coverage for zone in zones],
+            connectivity=[measured[zone].connectivity for zone in zones],
+            connectivity_neighbor=[measured[zone].connectivity_neighbor for zone in zones],
+            served_mbps=[measured[zone].served_mbps for zone in zones],
+            energy_percent=float(flying.fleet.battery.mean()),
+            static_coverage=[static.get(zone, nothing).coverage for zone in zones],
+            static_connectivity=[static.get(zone, nothing).connectivity for zone in zones],
+        )
+        rows = np.flatnonzero(np.isfinite(x))
+        owner = flying.flight.owner[rows]
+        self.recorder.add(
+            "vehicles",
+            step=step,
+            vehicle=[self.tracks.ids[row] for row in rows],
+            x=x[rows],
+            y=y[rows],
+            zone=self.grid.zone_of(x[rows], y[rows]),
+            uav=[flying.fleet.ids[row] if row != NOBODY else "" for row in owner],
+            covered=flying.flight.covered(x, y)[rows],
+        )
+        self.recorder.add(
+            "uavs",
+            step=step,
+            uav=flying.fleet.ids,
+            x=flying.fleet.x,
+            y=flying.fleet.y,
+            zone=flying.fleet.zone,
+            selected=flying.flight.selected,
+            battery=flying.fleet.battery,
+            action=flying.flight.actions,
+            static_x=hovering.fleet.x,
+            static_y=hovering.fleet.y,
+        )
+
+    def record(self, folder: Path) -> None:
+        """Write the tables."""
+        for event in self.client.events():
+            self.recorder.add(
+                "events",
+                block=event.block,
+                tx=event.transaction,
+                log=event.index,
+                step=self.step_of_block.get(event.block, 0),
+                name=event.name,
+                args=json.dumps(event.args),
+            )
+        parties = self.consortium.parties()
+        self.recorder.add("accounts", name=list(parties), address=list(parties.values()), kind="party")
+        for kind, agents in (("vehicle", self.vehicles), ("uav", self.uavs)):
+            self.recorder.add("accounts", name=[a.name for a in agents], address=[a.address for a in agents], kind=kind)
+        self.recorder.write(folder)
+
+    def summary(self, periods: int) -> dict[str, Any]:
+        """The figures of the run; see docs/reference/run-folder.md."""
+        flying, hovering = self.flying, self.hovering
+        config = self.scenario.coordination
+        there = np.isfinite(self.tracks.x[:: config.period_steps][:periods])
+        return {
+            "name": self.scenario.name,
+            "seed": self.scenario.seed,
+            "vehicles": int(there.any(axis=0).sum()),
+            "vehicles_per_period": round(float(there.sum(axis=1).mean()), 2),
+            "uavs": len(self.uavs),
+            "zones": len(self.grid.ids),
+            "periods": periods,
+            "steps": config.steps,
+            "served": len(flying.ever_served),
+            "served_per_period": round(float(np.mean(flying.served)), 2),
+            "static_served_per_period": round(float(np.mean(hovering.served)), 2),
+            "mean_qou": _mean(self.qou),
+            "mean_qov": _mean(self.qov),
+            "coverage": flying.coverage,
+            "connectivity": flying.mean("connectivity"),
+            "connectivity_neighbor": flying.mean("connectivity_neighbor"),
+            "served_mbps": flying.mean("served_mbps"),
+            "static_coverage": hovering.coverage,
+            "static_connectivity": hovering.mean("connectivity"),
+            "static_served_mbps": hovering.mean("served_mbps"),
+            "energy_percent": round(float(flying.fleet.battery.mean()), 4),
+            "uavs_retired": int((flying.fleet.zone == 0).sum()),
+            "transactions": self.transactions,
+            "gas_used": self.gas_used,
+            "blocks": self.consortium.chain.block_number,
+            "chain_head": self.consortium.chain.head,
+            "contract": self.client.address,
+            "model_cids": sorted(self.cids),
+            "range_m": self.scenario.fleet.range,
+            "step_seconds": config.step_seconds,
+            "period_steps": config.period_steps,
+            "grid": asdict(self.grid),
+            "attribution": self.tracks.attribution,
+            "chain_seconds": round(self.chain_seconds, 3),
+        }
+
+
+class _Team:
+    """A fleet, the selection it flies (or hovers) over, and its sums over the run."""
+
+    def __init__(self, scenario: Scenario, fleet: Fleet, grid: ZoneGrid, demand: IntArray) -> None:
+        self.fleet = fleet
+        self.flight = Flight(scenario, fleet, grid, demand)
+        self.served: list[int] = []
+        self.ever_served: set[int] = set()
+        self._zone_of_owner = np.zeros(len(demand), dtype=np.int64)
+        self._areas: list[Measure] = []
+
+    def assign(self, owner: IntArray, policies: Mapping[int, Policy]) -> None:
+        """Begin a period."""
+        self.flight.assign(owner, policies)
+        self._zone_of_owner = np.where(owner != NOBODY, self.fleet.zone[owner], 0)
+        self.served.append(int((owner != NOBODY).sum()))
+        self.ever_served |= set(np.flatnonzero(owner != NOBODY).tolist())
+
+    def measure(self, x: FloatArray, y: FloatArray, count: bool) -> list[Measure]:
+        """Measure a step; ``count`` it in the run's figures."""
+        measures = self.flight.measure(x, y, self._zone_of_owner)
+        if count:
+            self._areas.append(measures[-1])
+        return measures
+
+    @property
+    def coverage(self) -> float:
+        """Covered over served, summed over the counted steps; 1 where nobody was served."""
+        vehicles = sum(area.vehicles for area in self._areas)
+        return round(sum(area.covered for area in self._areas) / vehicles, 6) if vehicles else 1.0
+
+    def mean(self, name: str) -> float:
+        """Mean of a measure over the counted steps."""
+        return round(float(np.mean([getattr(area, name) for area in self._areas])), 6)
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return round(float(np.mean(values)), 6) if values else None
