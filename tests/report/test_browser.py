@@ -59,7 +59,7 @@ def opened(browser: webdriver.Chrome, page: Path) -> Iterator[webdriver.Chrome]:
     assert browser.get_log("browser") == []
     messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
     asked = {m["params"]["request"]["url"] for m in messages if m["method"] == "Network.requestWillBeSent"}
-    assert {url for url in asked if not url.startswith("data:")} == {page.as_uri()}
+    assert {url.partition("#")[0] for url in asked if not url.startswith(("data:", "about:"))} == {page.as_uri()}
 
 
 def picture(browser: webdriver.Chrome) -> str:
@@ -198,6 +198,17 @@ def test_an_id_with_markup_is_text(opened: webdriver.Chrome) -> None:
     wait(opened, lambda d: shown_events(d) >= 1)
     assert EVIL in opened.find_element(By.ID, "events").text
     assert opened.title == "SkyRelay · bologna · seed 1"
+
+
+def test_a_link_opens_at_its_step_zone_and_mode(opened: webdriver.Chrome, page: Path) -> None:
+    opened.get("about:blank")
+    opened.get(page.as_uri() + "#step=8&zone=4&mode=static&theme=dark")
+    wait(opened, lambda d: d.execute_script("return document.body.dataset.ready === 'true'"))
+    assert at(opened) == 8
+    assert opened.find_element(By.ID, "zone").get_property("value") == "4"
+    assert opened.find_element(By.CSS_SELECTOR, "input[value=static]").is_selected()
+    assert opened.find_element(By.CSS_SELECTOR, "#charts h2").text == "Coverage, zone 4"
+    assert opened.execute_script("return document.documentElement.dataset.theme") == "dark"
 
 
 def test_narrow_screen_has_no_sideways_scroll(opened: webdriver.Chrome) -> None:

@@ -105,7 +105,7 @@ class Summary(BaseModel):
     uavs: Count
     zones: Count
     periods: Count
-    steps: Count
+    steps: Annotated[int, Field(ge=1)]
     served: Count
     mean_qou: Measure | None
     mean_qov: Measure | None

@@ -92,18 +92,21 @@ function play(on) {
   });
 }
 
+/* However many changes there are, the page is painted once a frame. */
 let drawing = false;
 function draw() {
   if (drawing) return;
   drawing = true;
-  requestAnimationFrame(() => {
-    drawing = false;
-    const scene = observe();
-    drawMap(scene);
-    drawCursors();
-    drawEvents();
-    drawTexts(scene);
-  });
+  requestAnimationFrame(paint);
+}
+
+function paint() {
+  drawing = false;
+  const scene = observe();
+  drawMap(scene);
+  drawCursors();
+  drawEvents();
+  drawTexts(scene);
 }
 
 /* ---- what is where at this moment ---- */
@@ -260,11 +263,12 @@ function drawZones(pen) {
   for (let zone = 1; zone <= grid.columns * grid.rows; zone++) {
     const x = left + ((zone - 1) % grid.columns) * side + 7;
     const y = bottom - (Math.floor((zone - 1) / grid.columns) + 1) * side + 7;
-    label(pen, "Zone " + zone, x, y, theme.muted);
+    const name = side < 100 ? String(zone) : "Zone " + zone;
+    label(pen, name, x, y, theme.muted);
     if (side < 150 || !(metric("vehicles", zone)[at] > 0)) continue;
     const linked = metric(prefix + "connectivity", zone)[at] >= 1;
     const covered = Math.round(100 * metric(prefix + "coverage", zone)[at]);
-    const indent = pen.measureText("Zone " + zone + "  ").width;
+    const indent = pen.measureText(name + "  ").width;
     label(pen, `${covered} %, ${linked ? "linked" : "split"}`, x + indent, y, linked ? theme.muted : theme.warn, 400);
   }
 }
@@ -591,7 +595,7 @@ function drawCursors() {
 const SHOWN = 80;
 const events = { matching: null, listed: "" };
 
-function filterEvents() {
+function matchEvents() {
   const name = $("event-name").value === "" ? -1 : +$("event-name").value;
   const wanted = $("event-member").value.trim().toLowerCase();
   const matching = [];
@@ -602,6 +606,10 @@ function filterEvents() {
   }
   events.matching = matching;
   events.listed = "";
+}
+
+function filterEvents() {
+  matchEvents();
   draw();
 }
 
@@ -710,7 +718,7 @@ function setZone(zone) {
   state.zone = zone;
   $("zone").value = zone;
   drawCharts();
-  draw();
+  paint();
 }
 
 function pick(picked) {
@@ -824,22 +832,23 @@ async function start() {
   run = await load();
   run.proposals = indexProposals();
   document.documentElement.dataset.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
-  readTheme();
   makeCharts();
   makeControls();
   // report.html#step=40&zone=5&mode=static&theme=dark opens there.
   const wanted = new URLSearchParams(location.hash.slice(1));
-  if (wanted.get("theme") === "dark" || wanted.get("theme") === "light") setTheme(wanted.get("theme"));
-  if (wanted.get("mode") === "static") setMode("static");
+  if (["dark", "light"].includes(wanted.get("theme"))) document.documentElement.dataset.theme = wanted.get("theme");
+  readTheme();
+  if (wanted.get("mode") === "static") state.mode = "static";
+  document.querySelector(`input[value="${state.mode}"]`).checked = true;
   const zone = parseInt(wanted.get("zone"), 10);
   if (run.metricZones.includes(zone)) state.zone = zone;
   $("zone").value = state.zone;
-  filterEvents();
-  new ResizeObserver(() => { drawCharts(); drawPeriods(); draw(); }).observe(document.body);
-  new ResizeObserver(draw).observe(map.canvas);
-  drawCharts();
-  drawPeriods();
-  seek(parseInt(wanted.get("step"), 10) || 0);
+  matchEvents();
+  state.time = Math.max(0, Math.min(run.steps, parseInt(wanted.get("step"), 10) || 0));
+  const resized = () => { drawCharts(); drawPeriods(); paint(); }; // at once: a frame later, the map would be seen stretched
+  const observer = new ResizeObserver(resized);
+  for (const element of [map.canvas, $("charts"), $("scrub")]) observer.observe(element);
+  resized();
   requestAnimationFrame(() => requestAnimationFrame(() => { document.body.dataset.ready = "true"; }));
 }
 
