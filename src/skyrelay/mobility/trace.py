@@ -102,6 +102,7 @@ def _read_xml(path: Path) -> pa.Table:
 
 
 def _from_table(table: pa.Table, path: Path) -> Trace:
+    metadata = table.schema.metadata or {}
     table = table.rename_columns([_SUMO_NAMES.get(name, name) for name in table.column_names])
     for name in COLUMNS:
         if name not in table.column_names:
@@ -125,7 +126,6 @@ def _from_table(table: pa.Table, path: Path) -> Trace:
     extent = max(np.ptp(x), np.ptp(y))
     if extent < SMALLEST_EXTENT:
         raise TraceError(f"{path}: x, y", f"{extent:g} across", "positions in metres (project degrees first)")
-    metadata = table.schema.metadata or {}
     attribution = "; ".join(
         metadata[key].decode("utf-8", "replace") for key in (b"attribution", b"source", b"license") if key in metadata
     )

@@ -101,7 +101,8 @@ class Flight:
         """[V] whether each vehicle is inside its own UAV's range; a landed UAV covers nobody."""
         has_uav = self._served(x) & (self.fleet.zone[self.owner] > 0)
         apart = np.hypot(x - self.fleet.x[self.owner], y - self.fleet.y[self.owner])
-        return has_uav & (np.nan_to_num(apart, nan=np.inf) <= self._range)
+        inside: npt.NDArray[np.bool_] = has_uav & (np.nan_to_num(apart, nan=np.inf) <= self._range)
+        return inside
 
     def measure(self, x: FloatArray, y: FloatArray, zone_of_owner: IntArray) -> list[Measure]:
         """Every zone with a selected UAV, then the whole area.

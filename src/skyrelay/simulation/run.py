@@ -114,7 +114,7 @@ class _Run:
         self.coordinators = {
             zone: ZoneCoordinator(zone, consortium.coordinator, scenario.chain.proposals_per_call) for zone in grid.ids
         }
-        self.step_of_block: dict[int, int] = {}
+        self.events: list[tuple[int, Event]] = []
         self.submissions = 0
         self.transactions = self.gas_used = 0
         self.chain_seconds = 0.0
@@ -127,6 +127,7 @@ class _Run:
     def found(self) -> None:
         """Roles, models, and the registration of every UAV; vehicles register when they appear."""
         self._timed(self.consortium.found)
+        self.events += [(0, event) for event in self.client.events()]
         fleet = self.flying.fleet
         self._execute(
             [
@@ -187,8 +188,10 @@ class _Run:
         """resetListsForZone() where a period is open; everyone is free again."""
         zones = [c for c in self.coordinators.values() if c.machine.state is not ZoneState.COLLECTING]
         self._execute([coordinator.reset(self.client) for coordinator in zones], step)
-        for agent in (*self.vehicles, *self.uavs):
-            agent.end_period()
+        for vehicle in self.vehicles:
+            vehicle.end_period()
+        for uav in self.uavs:
+            uav.end_period()
 
     def _retire_spent(self, step: int) -> None:
         """UAVs with an empty battery leave: the flying fleet's on the chain, the comparator's in the air only."""
@@ -248,7 +251,8 @@ class _Run:
     def _propose(self, period: int, round_: int, step: int, views: dict[int, ZoneView]) -> list[dict[str, Any]]:
         """Algorithm 1 at every vehicle without a UAV, then submitVehSelection()."""
         zone = self.grid.zone_of(np.nan_to_num(self.tracks.x[step]), np.nan_to_num(self.tracks.y[step]))
-        calls, rows = [], []
+        calls: list[Call] = []
+        rows: list[dict[str, Any]] = []
         for row, agent in enumerate(self.vehicles):
             view = views.get(int(zone[row]))
             if view is None or agent.state not in {VehicleState.IDLE, VehicleState.UNSERVED}:
@@ -348,10 +352,11 @@ class _Run:
         timestamp = 1 + math.floor(step * self.scenario.coordination.step_seconds)
         receipts = self._timed(self.client.execute, calls, timestamp)
         for receipt in receipts:
-            self.step_of_block[receipt.block] = step
             self.gas_used += receipt.gas_used
         self.transactions += len(receipts)
-        return self.client.events_of(receipts)
+        events = self.client.events_of(receipts)
+        self.events += [(step, event) for event in events]
+        return events
 
     def _timed(self, ask: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         """Call, and count the time as the chain's."""
@@ -467,16 +472,16 @@ class _Run:
 
     def record(self, folder: Path) -> None:
         """Write the tables."""
-        for event in self.client.events():
-            self.recorder.add(
-                "events",
-                block=event.block,
-                tx=event.transaction,
-                log=event.index,
-                step=self.step_of_block.get(event.block, 0),
-                name=event.name,
-                args=json.dumps(event.args),
-            )
+        steps, events = zip(*self.events, strict=True)
+        self.recorder.add(
+            "events",
+            block=[event.block for event in events],
+            tx=[event.transaction for event in events],
+            log=[event.index for event in events],
+            step=steps,
+            name=[event.name for event in events],
+            args=[json.dumps(event.args) for event in events],
+        )
         parties = self.consortium.parties()
         self.recorder.add("accounts", name=list(parties), address=list(parties.values()), kind="party")
         for kind, agents in (("vehicle", self.vehicles), ("uav", self.uavs)):
