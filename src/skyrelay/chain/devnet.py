@@ -96,10 +96,13 @@ class Devnet:
     Use as a context manager: entering starts every validator and waits for blocks, leaving stops them.
     """
 
-    def __init__(self, directory: Path, consensus: Consensus, chain_id: int, validators: Sequence[Validator]) -> None:
+    def __init__(
+        self, directory: Path, consensus: Consensus, chain_id: int, period: int, validators: Sequence[Validator]
+    ) -> None:
         self.directory = directory
         self.consensus = consensus
         self.chain_id = chain_id
+        self.period = period
         self.validators = tuple(validators)
         self._binary = find_binary(consensus)
         self._processes: dict[int, subprocess.Popen[bytes]] = {}
@@ -157,12 +160,13 @@ class Devnet:
                         _write_keystore(home / "keystore", "validator", key)
                     write_text(home / "config.toml", tomli_w.dumps(_config(consensus, node, nodes, chain_id)))
                     _initialise(binary, home, root / "genesis.json")
-                state = {"consensus": consensus, "chain_id": chain_id, "validators": [asdict(node) for node in nodes]}
+                state: dict[str, Any] = {"consensus": consensus, "chain_id": chain_id, "period": period}
+                state["validators"] = [asdict(node) for node in nodes]
                 write_text(root / _STATE, json.dumps(state, indent=2) + "\n")
                 root.rename(directory)
         except OSError as error:
             raise ChainError(directory, error.strerror, "a folder that can be written") from None
-        return cls(directory, consensus, chain_id, nodes)
+        return cls(directory, consensus, chain_id, period, nodes)
 
     @classmethod
     def open(cls, directory: Path) -> Devnet:
@@ -176,7 +180,7 @@ class Devnet:
             if state["consensus"] not in ("qbft", "clique"):
                 raise ValueError  # noqa: TRY301
             nodes = [Validator(**node) for node in state["validators"]]
-            return cls(directory, state["consensus"], int(state["chain_id"]), nodes)
+            return cls(directory, state["consensus"], int(state["chain_id"]), int(state["period"]), nodes)
         except OSError as error:
             raise ChainError(path, error.strerror, "the folder of a devnet") from None
         except (ValueError, KeyError, TypeError):
@@ -263,6 +267,14 @@ class Devnet:
             f"no {more} new blocks on every validator in {timeout:g} s",
             "validators that agree",
         )
+
+    def supervise(self) -> None:
+        """Watch for a second.
+
+        Raises: ChainError: a validator has ended.
+        """
+        time.sleep(1)
+        self._check_alive()
 
     def log(self, index: int) -> Path:
         """Where validator ``index`` writes its log."""
