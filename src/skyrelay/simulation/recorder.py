@@ -16,10 +16,21 @@ _F32, _F64, _I32, _I64, _TEXT = pa.float32(), pa.float64(), pa.int32(), pa.int64
 
 SCHEMAS: dict[str, pa.Schema] = {
     # One row for each connected vehicle that is there at a step; uav is "" where nobody serves it.
+    # static_*, here and below: the same for the comparator, the same fleet that hovers.
     "vehicles": pa.schema(
-        {"step": _I32, "vehicle": _TEXT, "x": _F32, "y": _F32, "zone": _I32, "uav": _TEXT, "covered": pa.bool_()}
+        {
+            "step": _I32,
+            "vehicle": _TEXT,
+            "x": _F32,
+            "y": _F32,
+            "zone": _I32,
+            "uav": _TEXT,
+            "covered": pa.bool_(),
+            "static_uav": _TEXT,
+            "static_covered": pa.bool_(),
+        }
     ),
-    # One row for each UAV at a step; the action is the one that led to the step; static_*: where the comparator hovers.
+    # One row for each UAV at a step; the action is the one that led to the step; zone 0 for one that has landed.
     "uavs": pa.schema(
         {
             "step": _I32,
@@ -32,6 +43,8 @@ SCHEMAS: dict[str, pa.Schema] = {
             "action": pa.int8(),
             "static_x": _F32,
             "static_y": _F32,
+            "static_zone": _I32,
+            "static_selected": pa.bool_(),
         }
     ),
     # One row for each zone with a team at a step, and one with zone 0 for the whole area.

@@ -445,7 +445,7 @@ class _Run:
             static_connectivity=[static.get(zone, nothing).connectivity for zone in zones],
         )
         rows = np.flatnonzero(np.isfinite(x))
-        owner = flying.flight.owner[rows]
+        owner, static_owner = flying.flight.owner[rows], hovering.flight.owner[rows]
         self.recorder.add(
             "vehicles",
             step=step,
@@ -455,6 +455,8 @@ class _Run:
             zone=self.grid.zone_of(x[rows], y[rows]),
             uav=[flying.fleet.ids[row] if row != NOBODY else "" for row in owner],
             covered=flying.flight.covered(x, y)[rows],
+            static_uav=[hovering.fleet.ids[row] if row != NOBODY else "" for row in static_owner],
+            static_covered=hovering.flight.covered(x, y)[rows],
         )
         self.recorder.add(
             "uavs",
@@ -468,6 +470,8 @@ class _Run:
             action=flying.flight.actions,
             static_x=hovering.fleet.x,
             static_y=hovering.fleet.y,
+            static_zone=hovering.fleet.zone,
+            static_selected=hovering.flight.selected,
         )
 
     def record(self, folder: Path) -> None:
