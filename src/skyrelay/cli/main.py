@@ -10,7 +10,7 @@ import typer
 from typer.exceptions import TyperException
 
 import skyrelay
-from skyrelay.cli import run
+from skyrelay.cli import chain_devnet, models, report, run, scenario
 from skyrelay.core.errors import SkyRelayError
 
 app = typer.Typer(
@@ -23,6 +23,15 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.command("run")(run.command)
+app.command("scenario")(scenario.command)
+app.command("report")(report.command)
+app.add_typer(models.app, name="models")
+
+chain = typer.Typer(
+    help="The contract's chain: a consortium on this machine, and what calls cost.", no_args_is_help=True
+)
+chain.command("devnet")(chain_devnet.command)
+app.add_typer(chain, name="chain")
 
 
 def _version(wanted: bool) -> None:

@@ -16,6 +16,8 @@ def command(
 ) -> None:
     """Print a scenario with every key, its value, meaning and unit: the start of your own.
 
-    Example: skyrelay scenario bologna --set mobility.trace=city.parquet > city.toml
+    \b
+    Example:
+      skyrelay scenario bologna --set mobility.trace=city.parquet > city.toml
     """
     typer.echo(to_commented_toml(load_scenario(scenario, override or ())), nl=False)

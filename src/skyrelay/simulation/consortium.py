@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
 from types import TracebackType
 
 from skyrelay.chain.client import IovClient, Role, Settings
 from skyrelay.chain.embedded import EmbeddedChain
+from skyrelay.core.flight import ACTIONS
+from skyrelay.core.maps import CHANNELS
 from skyrelay.core.scenario import Scenario
-from skyrelay.policy import Policy
+from skyrelay.policy import Policy, builtin_policies
+from skyrelay.policy.card import Card
 from skyrelay.store.cid import Cid
 from skyrelay.store.local import LocalStore
 from skyrelay.store.model_store import ModelStore
@@ -55,7 +56,7 @@ class Consortium:
         self.publisher = self.account("publisher")
         self.authority = self.account("reputation authority")
         self.client = IovClient.deploy(self.chain, Settings.of(scenario.selection), self.administrator)
-        self._policies = _policy_files(scenario.coordination.policy)
+        self._policies = _policies(scenario.coordination.policy)
 
     def account(self, name: str) -> str:
         """The address of a party or member."""
@@ -76,10 +77,9 @@ class Consortium:
         }
         client.execute([client.grant_role(self.administrator, role, account) for role, account in roles.items()])
         calls = []
-        for data in self._policies:
-            card = self.hangar.load(data).card
-            cid = self.store.put(data)
-            calls.append(client.register_model(self.publisher, bytes(cid), chain_card(card)))
+        for policy in self._policies:
+            cid = self.store.put(policy.content)
+            calls.append(client.register_model(self.publisher, bytes(cid), chain_card(policy.card)))
         client.execute(calls)
 
     def cid_of_model(self, model_id: str) -> Cid:
@@ -95,13 +95,22 @@ class Consortium:
         self.chain.close()
 
 
-def _policy_files(name: str) -> Sequence[bytes]:
+def chain_card(card: Card) -> ModelCard:
+    """What the contract holds of a policy's card; the score is the return of its first evaluation, 0 without one."""
+    return ModelCard(
+        min_uavs=card.uavs[0],
+        max_uavs=card.uavs[1],
+        min_vehicles=card.vehicles[0],
+        max_vehicles=card.vehicles[1],
+        observation_side=card.n,
+        channels=CHANNELS,
+        actions=ACTIONS,
+        score=card.evaluation[0].episode_return.mean if card.evaluation else 0.0,
+    )
+
+
+def _policies(name: str) -> list[Policy]:
     """The shipped policies, or the one at a path."""
     if name == "auto":
-        folder = files("skyrelay.data") / "policies"
-        return [
-            item.read_bytes()
-            for item in sorted(folder.iterdir(), key=lambda item: item.name)
-            if item.name.endswith(".onnx")
-        ]
-    return [Policy.read(Path(name))]
+        return [Policy.builtin(builtin) for builtin in builtin_policies()]
+    return [Policy.load(Path(name))]
