@@ -14,6 +14,7 @@ from skyrelay.core.scenario import Scenario
 from skyrelay.policy import Policy, builtin_policies
 from skyrelay.policy.card import Card
 from skyrelay.store.cid import Cid
+from skyrelay.store.kubo import KuboStore
 from skyrelay.store.local import LocalStore
 from skyrelay.store.model_store import ModelStore
 
@@ -48,15 +49,16 @@ class Consortium:
     """
 
     def __init__(self, scenario: Scenario, folder: Path) -> None:
-        self.chain = EmbeddedChain(folder / CHAIN_FOLDER)
-        self.store: ModelStore = LocalStore(folder / STORE_FOLDER)
+        self._policies = _policies(scenario.coordination.policy)
+        url = scenario.store.url
+        self.store: ModelStore = KuboStore(url) if url else LocalStore(folder / STORE_FOLDER)
         self.hangar = Hangar()
+        self.chain = EmbeddedChain(folder / CHAIN_FOLDER)
         self.administrator = self.account("administrator")
         self.coordinator = self.account("coordinator")
         self.publisher = self.account("publisher")
         self.authority = self.account("reputation authority")
         self.client = IovClient.deploy(self.chain, Settings.of(scenario.selection), self.administrator)
-        self._policies = _policies(scenario.coordination.policy)
 
     def account(self, name: str) -> str:
         """The address of a party or member."""
