@@ -1,0 +1,74 @@
+"""`skyrelay models`: what it prints, what it writes, what it refuses."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from skyrelay.cli.models import app
+from skyrelay.core.errors import StoreError, UsageError
+from skyrelay.store.cid import cid_of
+from skyrelay.store.local import LocalStore
+
+MODEL = b"a model" * 1000
+CID = str(cid_of(MODEL))
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "policy.onnx").write_bytes(MODEL)
+    return tmp_path
+
+
+def run(*arguments):
+    result = CliRunner().invoke(app, arguments, catch_exceptions=True)
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def test_a_model_goes_in_and_out_by_its_address(folder):
+    assert CID in run("add", "policy.onnx").stdout
+    assert (folder / "models" / "pins" / CID).is_file(), "the default store"
+    assert json.loads(run("add", "policy.onnx", "--json").stdout) == {"policy.onnx": CID}
+    assert json.loads(run("list", "--json").stdout) == {CID: len(MODEL)}
+    assert json.loads(run("verify", CID, "--json").stdout) == {"cid": CID, "bytes": len(MODEL), "verified": True}
+    assert json.loads(run("get", CID, "--out", "copy.onnx", "--json").stdout)["bytes"] == len(MODEL)
+    assert (folder / "copy.onnx").read_bytes() == MODEL
+
+
+def test_pin_brings_a_model_from_the_second_store_to_the_first_and_says_so(folder):
+    LocalStore(folder / "far").put(MODEL)
+    ran = run("pin", CID, "--store", "near", "--store", "far")
+    assert "asked the next store: store near" in ran.stderr
+    assert LocalStore(folder / "near").get(cid_of(MODEL)) == MODEL
+    assert LocalStore(folder / "near").models()[0].cid == cid_of(MODEL)
+
+
+def test_an_empty_store_says_what_to_do(folder):
+    assert "skyrelay models add FILE" in run("list").stderr
+    assert json.loads(run("list", "--json").stdout) == {}
+
+
+def test_a_file_that_is_there_is_not_replaced_unasked(folder):
+    run("add", "policy.onnx")
+    (folder / "mine.txt").write_text("mine")
+    with pytest.raises(UsageError, match=r"--out mine\.txt: expected a file that is not there yet, or --force"):
+        run("get", CID, "--out", "mine.txt")
+    assert (folder / "mine.txt").read_text() == "mine"
+    run("get", CID, "--out", "mine.txt", "--force")
+    assert (folder / "mine.txt").read_bytes() == MODEL
+
+
+@pytest.mark.parametrize("command", [["verify"], ["pin"], ["get", "--out", "x"]])
+def test_an_address_that_is_none_is_refused_before_anything_is_asked(folder, command):
+    with pytest.raises(StoreError, match=rf"models {command[0]}: CID: is '\.\./\.\./etc/passwd'; expected a CIDv1"):
+        run(command[0], "../../etc/passwd", *command[1:])
+    assert sorted(path.name for path in folder.iterdir()) == ["policy.onnx"]
+
+
+def test_a_file_that_is_not_there_stops_all_before_anything_is_kept(folder):
+    with pytest.raises(UsageError, match=r"models add absent\.onnx: expected a file that is there"):
+        run("add", "policy.onnx", "absent.onnx")
+    assert not (folder / "models").exists()
