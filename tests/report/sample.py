@@ -37,7 +37,11 @@ def street_tracks(vehicles: int, steps: int, seed: int = 1) -> Tracks:
 def write_run_folder(
     path: Path, tracks: Tracks, *, uavs: int = 12, side: int = 2, period_steps: int = 10, seed: int = 1
 ) -> Path:
-    """Play a simple run on ``tracks`` (nearest UAV of the zone with room; UAVs follow their vehicles) and record it."""
+    """Play a simple run on ``tracks`` and record it.
+
+    Vehicles take the nearest UAV of their zone that has room, UAVs follow the middle of their vehicles, and one of them
+    lands half-way; the comparator hovers.
+    """
     rng = np.random.default_rng(seed)
     steps = max(step for track in tracks.values() for step in track)
     points = np.array([point for track in tracks.values() for point in track.values()])
@@ -47,17 +51,17 @@ def write_run_folder(
     fleet = [f"uav_{index:02d}" for index in range(uavs)]
     position = np.column_stack([rng.uniform(x0, x1, uavs), rng.uniform(y0, y1, uavs)])
     zone = grid.zone_of(position[:, 0], position[:, 1])
-    hovering = position.copy()
+    hovering, hovering_zone = position.copy(), zone.copy()
     battery = rng.uniform(30, 100, uavs)
     demand = {name: int(rng.integers(1000, 4001)) for name in tracks}
-    serving: dict[str, int] = {}
-    selected = np.zeros(uavs, bool)
+    address = {name: f"0x{index:040x}" for index, name in enumerate([*tracks, *fleet])}
+    owner: dict[str, int] = {}
+    static_owner: dict[str, int] = {}
     vehicle_rows, uav_rows, metric_rows, proposal_rows, event_rows = [], [], [], [], []
-    for index, name in enumerate([*tracks, *fleet]):
-        kind = "VehicleRegistered" if name in tracks else "UAVRegistered"
-        event_rows.append(
-            (1 + index // 50, index % 50, index, 0, kind, json.dumps({"id": name, "owner": f"0x{index:040x}"}))
-        )
+    for index, name in enumerate(address):
+        kind, role = ("VehicleRegistered", "vehicle") if name in tracks else ("UAVRegistered", "uav")
+        event = json.dumps({role: address[name], "reputation": 50})
+        event_rows.append((1 + index // 50, index % 50, index, 0, kind, event))
     block = event_rows[-1][0]
 
     for step in range(steps + 1):
@@ -66,53 +70,70 @@ def write_run_folder(
         zones = dict(zip(here, grid.zone_of(at[:, 0], at[:, 1]).tolist(), strict=True))
         if step % period_steps == 0 and step < steps:
             block += 1
-            serving = _select(here, zones, position, zone, demand, step // period_steps, proposal_rows, fleet)
-            selected = np.isin(np.arange(uavs), list(serving.values()))
-            for log, row in enumerate(r for r in proposal_rows if r[0] == step // period_steps):
-                event = {"zone": row[2], "vehicle": row[3], "uav": row[4], "qou": int(row[5] * 1000)}
-                event_rows.append((block, log, log, step, "ProposalSubmitted", json.dumps(event)))
-                if row[9]:
-                    event_rows.append((block + 1, row[2], log, step, "VehicleSelected", json.dumps(event)))
+            period = step // period_steps
+            proposals = _propose(here, zones, position, zone, demand)
+            owner = {row[0]: row[1] for row in proposals if row[3]}
+            static_owner = {row[0]: row[1] for row in _propose(here, zones, hovering, hovering_zone, demand) if row[3]}
+            for order, (name, uav, qou, accepted) in enumerate(proposals):
+                row = (period, 1, zones[name], name, fleet[uav], qou, 5_000_000, 9_000, demand[name], accepted, order)
+                proposal_rows.append(row)
+                event = {"vehicle": address[name], "uav": address[fleet[uav]], "zone": zones[name], "qov": 2**70}
+                event_rows.append((block, order, order, step, "VehSelectionSubmitted", json.dumps(event)))
             block += 1
-        serving = {name: uav for name, uav in serving.items() if name in here}
-        for uav in range(uavs):  # towards the centroid of its vehicles, at most 60 m a step
-            mine = [here[name] for name, served in serving.items() if served == uav]
+            for uav in sorted(set(owner.values())):
+                chosen = [address[name] for name, served in owner.items() if served == uav]
+                event = {"uav": address[fleet[uav]], "zone": int(zone[uav]), "selected": chosen}
+                event_rows.append((block, uav, uav, step, "UAVAllocated", json.dumps(event)))
+        if step == steps // 2:
+            zone[0] = 0
+        owner = {name: uav for name, uav in owner.items() if name in here}
+        static_owner = {name: uav for name, uav in static_owner.items() if name in here}
+        for uav in range(uavs):  # towards the middle of its vehicles, at most 60 m a step
+            mine = [here[name] for name, served in owner.items() if served == uav]
             if mine and step:
                 way = np.mean(mine, axis=0) - position[uav]
                 position[uav] += way * min(1.0, 60.0 / max(float(np.hypot(*way)), 1e-9))
+        selected, static_selected = (
+            np.isin(np.arange(uavs), list(serving.values())) & (where > 0)
+            for serving, where in ((owner, zone), (static_owner, hovering_zone))
+        )
         battery = np.maximum(battery - 0.1 - 0.05 * selected, 0)
-        covered = {n: bool(np.hypot(*(position[u] - here[n])) <= reach) for n, u in serving.items()}
-        hover_covered = {n: bool(np.hypot(*(hovering[u] - here[n])) <= reach) for n, u in serving.items()}
+        covered = _covered(here, owner, position, zone, reach)
+        static_covered = _covered(here, static_owner, hovering, hovering_zone, reach)
         for name, (x, y) in here.items():
-            uav_name = fleet[serving[name]] if name in serving else ""
-            vehicle_rows.append((step, name, x, y, zones[name], uav_name, covered.get(name, False)))
+            pair = [fleet[o[name]] if name in o else "" for o in (owner, static_owner)]
+            shown = (covered.get(name, False), static_covered.get(name, False))
+            vehicle_rows.append((step, name, x, y, zones[name], pair[0], shown[0], pair[1], shown[1]))
         for uav, name in enumerate(fleet):
-            row = (step, name, *position[uav], int(zone[uav]), bool(selected[uav]), battery[uav], 0, *hovering[uav])
-            uav_rows.append(row)
-        linked, neighbor, hover_linked = [], [], []
-        for one in [*grid.ids, 0]:
-            mine = [n for n in serving if one in (0, int(zone[serving[n]]))]
-            team = selected & (zone == one)
-            if one:
-                linked.append(_linked(position[team], reach))
-                neighbor.append(_neighbors(position[team], reach))
-                hover_linked.append(_linked(hovering[team], reach))
-            figures = (
-                [linked[-1], neighbor[-1], hover_linked[-1]]
-                if one
-                else [float(np.mean(values)) for values in (linked, neighbor, hover_linked)]
-            )
-            count, inside = len(mine), sum(covered[n] for n in mine)
-            hover_inside = sum(hover_covered[n] for n in mine)
-            served_mbps = sum(demand[n] for n in mine if covered[n]) / 1000
+            flown = (*position[uav], int(zone[uav]), bool(selected[uav]), battery[uav], 0)
+            hovered = (*hovering[uav], int(hovering_zone[uav]), bool(static_selected[uav]))
+            uav_rows.append((step, name, *flown, *hovered))
+        teams = [one for one in grid.ids if (selected & (zone == one)).any()]
+        linked = {one: _linked(position[selected & (zone == one)], reach) for one in teams}
+        neighbor = {one: _neighbors(position[selected & (zone == one)], reach) for one in teams}
+        static_linked = {one: _linked(hovering[static_selected & (hovering_zone == one)], reach) for one in teams}
+        for one in [*teams, 0]:
+            mine = [name for name, uav in owner.items() if one in (0, int(hovering_zone[uav]))]
+            static_mine = [name for name, uav in static_owner.items() if one in (0, int(hovering_zone[uav]))]
+            inside = sum(covered[name] for name in mine)
+            static_inside = sum(static_covered[name] for name in static_mine)
+            links = [
+                values[one] if one else float(np.mean(list(values.values())))
+                for values in (linked, neighbor, static_linked)
+            ]
+            served_mbps = sum(demand[name] for name in mine if covered[name]) / 1000
             metric_rows.append((
-                step, step * 2.0, one, count, inside, inside / count if count else 1.0, figures[0], figures[1],
-                served_mbps, float(battery.mean()), hover_inside / count if count else 1.0, figures[2],
+                step, step * 2.0, one, len(mine), inside, inside / len(mine) if mine else 1.0, links[0], links[1],
+                served_mbps, float(battery.mean()), static_inside / len(static_mine) if static_mine else 1.0, links[2],
             ))  # fmt: skip
 
     path.mkdir(parents=True, exist_ok=True)
-    _write(path / "vehicles.parquet", vehicle_rows, "step vehicle x y zone uav covered")
-    _write(path / "uavs.parquet", uav_rows, "step uav x y zone selected battery action static_x static_y")
+    _write(path / "vehicles.parquet", vehicle_rows, "step vehicle x y zone uav covered static_uav static_covered")
+    _write(
+        path / "uavs.parquet", uav_rows,
+        "step uav x y zone selected battery action static_x static_y static_zone static_selected",
+    )  # fmt: skip
+    _write(path / "accounts.parquet", [(*pair, "member") for pair in address.items()], "name address kind")
     _write(
         path / "metrics.parquet", metric_rows,
         "step time zone vehicles covered coverage connectivity connectivity_neighbor served_mbps energy_percent "
@@ -153,24 +174,25 @@ def write_run_folder(
     return path
 
 
-def _select(here, zones, position, zone, demand, period, proposal_rows, fleet):
-    """Each vehicle proposes to its zone's nearest UAV; a UAV takes what fits 16 Mbit/s, in order."""
+def _propose(here, zones, position, zone, demand):
+    """Each vehicle proposes to its zone's nearest UAV, which takes what fits: [(name, uav, qou, accepted)]."""
     room = np.full(len(position), 16_000)
-    serving = {}
-    for order, (name, point) in enumerate(here.items()):
+    proposals = []
+    for name, point in here.items():
         distance = np.where(zone == zones[name], np.hypot(*(position - point).T), np.inf)
         uav = int(np.argmin(distance))
         if not np.isfinite(distance[uav]):
             continue
         accepted = bool(room[uav] >= demand[name])
-        if accepted:
-            room[uav] -= demand[name]
-            serving[name] = uav
-        qou = float(100 - distance[uav] / 30)
-        proposal_rows.append(
-            (period, 0, zones[name], name, fleet[uav], qou, 5_000_000, 9_000, demand[name], accepted, order)
-        )
-    return serving
+        room[uav] -= demand[name] * accepted
+        proposals.append((name, uav, float(100 - distance[uav] / 30), accepted))
+    return proposals
+
+
+def _covered(here, owner, position, zone, reach):
+    return {
+        name: bool(zone[uav] > 0 and np.hypot(*(position[uav] - here[name])) <= reach) for name, uav in owner.items()
+    }
 
 
 def _linked(points: npt.NDArray[np.float64], reach: float) -> float:

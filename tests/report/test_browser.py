@@ -144,9 +144,23 @@ def test_status_agrees_with_the_recorded_metrics(opened: webdriver.Chrome, page:
     whole = rows[8, 0]
     status = opened.find_element(By.ID, "status").text
     assert f"{whole['vehicles']} served, {whole['covered']} in range" in status
-    press(opened, "m")  # hovering: the page computes it from positions, the run recorded it
-    hovering = round(whole["static_coverage"] * whole["vehicles"])
-    wait(opened, lambda d: f"{whole['vehicles']} served, {hovering} in range" in d.find_element(By.ID, "status").text)
+    press(opened, "m")
+    vehicles = pq.read_table(page.with_name("vehicles.parquet")).to_pylist()
+    hovering = [row for row in vehicles if row["step"] == 8 and row["static_uav"]]
+    inside = round(whole["static_coverage"] * len(hovering))
+    wait(opened, lambda d: f"{len(hovering)} served, {inside} in range" in d.find_element(By.ID, "status").text)
+
+
+def test_a_uav_that_has_landed_is_gone_from_the_map(opened: webdriver.Chrome) -> None:
+    names = "return observe().uavs.filter(Boolean).map((uav) => run.uavs[uav.index])"
+    press(opened, *[Keys.ARROW_RIGHT] * 14)
+    wait(opened, lambda d: at(d) == 14)
+    assert "uav_00" in opened.execute_script(names)
+    press(opened, Keys.ARROW_RIGHT)
+    wait(opened, lambda d: at(d) == 15)
+    assert "uav_00" not in opened.execute_script(names)
+    press(opened, "m")  # the comparator's has not
+    assert "uav_00" in opened.execute_script(names)
 
 
 def test_modes_zones_layers_and_themes_change_the_map(opened: webdriver.Chrome) -> None:
@@ -167,12 +181,12 @@ def test_modes_zones_layers_and_themes_change_the_map(opened: webdriver.Chrome) 
 
 def test_events_are_filtered_by_kind_and_member(opened: webdriver.Chrome) -> None:
     kinds = Select(opened.find_element(By.ID, "event-name"))
-    kind = next(option.text for option in kinds.options if option.text.startswith("ProposalSubmitted"))
+    kind = next(option.text for option in kinds.options if option.text.startswith("VehSelectionSubmitted"))
     kinds.select_by_visible_text(kind)
     opened.find_element(By.ID, "event-member").send_keys("vehicle_006")
     wait(opened, lambda d: shown_events(d) == 1)
     row = opened.find_element(By.CSS_SELECTOR, "#events li").text
-    assert "ProposalSubmitted" in row
+    assert "VehSelectionSubmitted" in row
     assert "vehicle_006" in row
     opened.find_element(By.ID, "scrub").send_keys(Keys.END)
     wait(opened, lambda d: shown_events(d) == 3)

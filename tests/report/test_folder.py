@@ -52,6 +52,7 @@ def test_no_folder(tmp_path: Path) -> None:
         "metrics.parquet",
         "proposals.parquet",
         "events.parquet",
+        "accounts.parquet",
     ],
 )
 def test_a_file_is_missing_or_broken(folder: Path, name: str) -> None:
@@ -93,6 +94,7 @@ def test_a_column_of_another_type(folder: Path) -> None:
         ("vehicles", "step", 31, r"vehicles\.parquet: step\[3\]: is 31; expected a step of the run \(0 to 30\)"),
         ("vehicles", "zone", -1, r"vehicles\.parquet: zone\[3\]: is -1; expected a zone of the grid \(0 to 4\)"),
         ("vehicles", "uav", "ghost", r"vehicles\.parquet: uav: is 'ghost'; expected a UAV of uavs\.parquet"),
+        ("vehicles", "static_uav", "ghost", r"vehicles\.parquet: static_uav: is 'ghost'"),
         ("metrics", "zone", 5, r"metrics\.parquet: zone\[3\]: is 5"),
         ("events", "args", "{", r"events\.parquet: args\[3\]: is '{'; expected JSON"),
         ("events", "args", "[1]", r"events\.parquet: args\[3\]: is '\[1\]'; expected a JSON object"),

@@ -58,9 +58,11 @@ def test_every_row_of_the_run_is_in_the_page(recorded: Path) -> None:
         at, uav, covered = carried[row["step"], row["vehicle"]]
         assert abs(at - row["x"]) < (x1 - x0) / 65535
         assert (uav, covered) == (row["uav"], row["covered"])
-    assert header["metricZones"] == [0, 1, 2, 3, 4]
-    coverage = arrays["metric_coverage"].reshape(5, run.summary.steps + 1)
-    np.testing.assert_array_equal(coverage[3], run.metric("coverage", 3).astype(np.float32))
+    zones = header["metricZones"]
+    assert zones == sorted(set(run.metrics["zone"].tolist()))
+    coverage = arrays["metric_coverage"].reshape(len(zones), run.summary.steps + 1)
+    for zone, values in zip(zones, coverage, strict=True):
+        np.testing.assert_array_equal(values, run.metric("coverage", zone).astype(np.float32))
     assert len(header["eventArgs"]) == len(arrays["event_step"]) == len(run.events["block"])
     assert (np.diff(arrays["event_step"]) >= 0).all()
 
@@ -70,6 +72,22 @@ def test_positions_survive_to_a_sixteen_bit_step(values: list[float]) -> None:
     given_ = np.array(values)
     found = -500 + np.cumsum(_quantised(given_, -500.0, 2500.0), dtype=np.uint16) / 65535 * 3000
     assert np.abs(found - given_).max() <= 3000 / 65535
+
+
+def test_events_call_accounts_by_their_names(recorded: Path) -> None:
+    header, arrays = decode(encode(read_run(recorded)))
+    name = {row["address"]: row["name"] for row in pq.read_table(recorded / "accounts.parquet").to_pylist()}
+    rows = pq.read_table(recorded / "events.parquet").to_pylist()
+    rows.sort(key=lambda row: (row["block"], row["tx"], row["log"]))
+    for row, parts, kind in zip(rows, header["eventArgs"], arrays["event_name"], strict=True):
+        shown = dict(zip(parts[::2], parts[1::2], strict=True))
+        args = json.loads(row["args"])
+        assert header["eventNames"][kind] == row["name"]
+        if row["name"] == "UAVAllocated":
+            assert shown["selected"] == ", ".join(name[address] for address in args["selected"])
+        if row["name"] == "VehSelectionSubmitted":
+            assert (shown["vehicle"], shown["uav"]) == (name[args["vehicle"]], name[args["uav"]])
+            assert shown["qov"] == str(2**70)  # longer than a number of the page
 
 
 def test_team_mates_differ_in_colour(recorded: Path) -> None:

@@ -35,6 +35,8 @@ _NEEDED: dict[str, dict[str, pa.DataType]] = {
         "zone": pa.int32(),
         "uav": pa.string(),
         "covered": pa.bool_(),
+        "static_uav": pa.string(),
+        "static_covered": pa.bool_(),
     },
     "uavs.parquet": {
         "step": pa.int32(),
@@ -46,6 +48,8 @@ _NEEDED: dict[str, dict[str, pa.DataType]] = {
         "battery": pa.float64(),
         "static_x": pa.float64(),
         "static_y": pa.float64(),
+        "static_zone": pa.int32(),
+        "static_selected": pa.bool_(),
     },
     "metrics.parquet": {
         "step": pa.int32(),
@@ -77,6 +81,10 @@ _NEEDED: dict[str, dict[str, pa.DataType]] = {
         "step": pa.int32(),
         "name": pa.string(),
         "args": pa.string(),
+    },
+    "accounts.parquet": {
+        "name": pa.string(),
+        "address": pa.string(),
     },
 }
 _POSITIONS = {"vehicles.parquet": ("x", "y"), "uavs.parquet": ("x", "y", "static_x", "static_y")}
@@ -137,9 +145,10 @@ class Run:
         path: of the folder.
         scenario: as resolved when the run was made.
         summary: of ``summary.json``.
-        vehicles, uavs, metrics, proposals, events: columns of the Parquet files of these names; positions in m,
-            battery and energy in %, QoU 0-100, step and period counted from 0; ``uav`` is "" for an unserved vehicle;
-            ``metrics.zone`` 0 is the whole area; ``events.args`` is JSON, an object by event.
+        vehicles, uavs, metrics, proposals, events, accounts: columns of the Parquet files of these names; positions in
+            m, battery and energy in %, QoU 0-100, step and period counted from 0; ``uav`` is "" for an unserved
+            vehicle; ``zone`` is 0 for a UAV that has landed and, in ``metrics``, for the whole area; ``static_*`` is
+            the comparator, the same fleet hovering; ``events.args`` is JSON, an object by event.
     """
 
     path: Path
@@ -150,6 +159,7 @@ class Run:
     metrics: Table
     proposals: Table
     events: Table
+    accounts: Table
 
     @property
     def grid(self) -> ZoneGrid:
@@ -240,6 +250,7 @@ def _check(run: Run) -> None:
         ("vehicles", "zone", 0, zones, "a zone of the grid"),
         ("uavs", "step", 0, steps, "a step of the run"),
         ("uavs", "zone", 0, zones, "a zone of the grid"),
+        ("uavs", "static_zone", 0, zones, "a zone of the grid"),
         ("metrics", "step", 0, steps, "a step of the run"),
         ("metrics", "zone", 0, zones, "a zone of the grid, or 0"),
     ):
@@ -251,7 +262,7 @@ def _check(run: Run) -> None:
                 f"{run.path / table}.parquet: {name}[{row}]", int(column[row]), f"{meaning} ({low} to {high})"
             )
     fleet = set(run.uavs["uav"])
-    for table in ("vehicles", "proposals"):
-        unknown = sorted(set(getattr(run, table)["uav"]) - fleet - {""})
+    for table, name in (("vehicles", "uav"), ("vehicles", "static_uav"), ("proposals", "uav")):
+        unknown = sorted(set(getattr(run, table)[name]) - fleet - {""})
         if unknown:
-            raise RunFolderError(f"{run.path / table}.parquet: uav", unknown[0], "a UAV of uavs.parquet")
+            raise RunFolderError(f"{run.path / table}.parquet: {name}", unknown[0], "a UAV of uavs.parquet")

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import base64
 import json
-import math
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -67,8 +66,10 @@ def _contents(run: Run) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
     arrays["vehicle_step"] = run.vehicles["step"][order].astype(np.int32)
     arrays["vehicle_x"] = _quantised(run.vehicles["x"][order], low_x, high_x)
     arrays["vehicle_y"] = _quantised(run.vehicles["y"][order], low_y, high_y)
-    arrays["vehicle_uav"] = _codes(run.vehicles["uav"], fleet)[order]
-    arrays["vehicle_covered"] = run.vehicles["covered"][order].astype(np.uint8)
+    for name in ("uav", "static_uav"):
+        arrays[f"vehicle_{name}"] = _codes(run.vehicles[name], fleet)[order]
+    for name in ("covered", "static_covered"):
+        arrays[f"vehicle_{name}"] = run.vehicles[name][order].astype(np.uint8)
 
     # UAVs: [uavs, steps + 1]; state bit 0 where it is in the air, bit 1 where it is selected.
     shape = (len(fleet), summary.steps + 1)
@@ -82,9 +83,11 @@ def _contents(run: Run) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         positions = np.full(shape, low)
         positions[uav, step] = run.uavs[name]
         arrays[f"uav_{name}"] = _quantised(positions.ravel(), low, high)
-    arrays["uav_zone"] = _dense(shape, uav, step, run.uavs["zone"], np.int32)
-    state = np.where(run.uavs["zone"] > 0, 1 + 2 * run.uavs["selected"].astype(np.uint8), 0)  # zone 0: it has landed
-    arrays["uav_state"] = _dense(shape, uav, step, state, np.uint8)
+    for kind in ("", "static_"):
+        zone, selected = run.uavs[f"{kind}zone"], run.uavs[f"{kind}selected"]
+        state = np.where(zone > 0, 1 + 2 * selected.astype(np.uint8), 0)  # zone 0: it has landed
+        arrays[f"uav_{kind}zone"] = _dense(shape, uav, step, zone, np.int32)
+        arrays[f"uav_{kind}state"] = _dense(shape, uav, step, state, np.uint8)
     arrays["uav_battery"] = _dense(shape, uav, step, run.uavs["battery"], np.float32)
 
     # Metrics: [zones that ever had a team, steps + 1], the whole area (0) first.
@@ -107,6 +110,7 @@ def _contents(run: Run) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
     events = run.events
     order = np.lexsort((events["log"], events["tx"], events["block"]))
     names = sorted(set(events["name"]))
+    names_of = dict(zip(run.accounts["address"], run.accounts["name"], strict=True))
     arrays["event_block"] = events["block"][order].astype(np.int32)
     arrays["event_step"] = np.maximum.accumulate(events["step"][order].astype(np.int32))
     arrays["event_name"] = _codes(events["name"], names)[order]
@@ -121,9 +125,14 @@ def _contents(run: Run) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         "vehicles": vehicle_ids,
         "uavs": fleet,
         "metricZones": zones.tolist(),
-        "colours": _colours(arrays["uav_zone"].reshape(shape), arrays["uav_state"].reshape(shape)),
+        "colours": _colours(
+            *(
+                np.hstack([arrays[f"uav_{name}"].reshape(shape), arrays[f"uav_static_{name}"].reshape(shape)])
+                for name in ("zone", "state")
+            )
+        ),
         "eventNames": names,
-        "eventArgs": [_arguments(run, int(row)) for row in order],
+        "eventArgs": [_arguments(run, int(row), names_of) for row in order],
     }
     return header, arrays
 
@@ -173,8 +182,8 @@ def _colours(zone: npt.NDArray[np.int32], state: npt.NDArray[np.uint8]) -> list[
     return colours
 
 
-def _arguments(run: Run, row: int) -> list[str]:
-    """An event's arguments as text: name, value, name, value... (numbers may be longer than the page's are)."""
+def _arguments(run: Run, row: int, names: Mapping[str, str]) -> list[str]:
+    """An event's arguments as text: name, value, name, value...; an account is called by its name."""
     place = f"{run.path / 'events.parquet'}: args[{row}]"
     text = run.events["args"][row]
     try:
@@ -183,12 +192,14 @@ def _arguments(run: Run, row: int) -> list[str]:
         raise RunFolderError(place, text, f"JSON ({error})") from error
     if not isinstance(arguments, dict):
         raise RunFolderError(place, text, "a JSON object")
-    return [part for name, value in arguments.items() for part in (name, _text(value))]
+    return [part for name, value in arguments.items() for part in (name, _text(value, names))]
 
 
-def _text(value: Any) -> str:
+def _text(value: Any, names: Mapping[str, str]) -> str:
     if isinstance(value, str):
-        return value
-    if isinstance(value, float) and math.isfinite(value):
-        return f"{value:g}"
-    return json.dumps(value, ensure_ascii=False)
+        return names.get(value, value)
+    if isinstance(value, list):
+        return ", ".join(_text(item, names) for item in value)
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_text(item, names)}" for name, item in value.items())
+    return json.dumps(value)

@@ -114,37 +114,35 @@ function paint() {
 function observe() {
   const at = step();
   const part = calm.matches ? 0 : state.time - at;
-  const prefix = state.mode === "static" ? "uav_static_" : "uav_";
+  const kind = state.mode === "static" ? "static_" : "";
   const between = (values, i, j) => values[i] + (values[j] - values[i]) * part;
   const uavs = [];
+  const states = run[`uav_${kind}state`], zones = run[`uav_${kind}zone`];
+  const uavX = run[`uav_${kind}x`], uavY = run[`uav_${kind}y`];
   for (let u = 0; u < run.uavs.length; u++) {
     const i = u * run.columns + at;
-    const flags = run.uav_state[i];
-    if (!(flags & 1)) continue; // it has landed
-    const j = part > 0 && run.uav_state[i + 1] & 1 ? i + 1 : i;
+    if (!(states[i] & 1)) continue; // it has landed
+    const j = part > 0 && states[i + 1] & 1 ? i + 1 : i;
     uavs[u] = {
-      index: u, x: between(run[prefix + "x"], i, j), y: between(run[prefix + "y"], i, j), zone: run.uav_zone[i],
-      selected: flags >= 2, battery: run.uav_battery[i], colour: run.colours[u], serves: 0, covers: 0,
+      index: u, x: between(uavX, i, j), y: between(uavY, i, j), zone: zones[i], selected: states[i] >= 2,
+      battery: run.uav_battery[i], colour: run.colours[u], serves: 0, covers: 0,
     };
   }
   const vehicles = [];
+  const owners = run[`vehicle_${kind}uav`], covered = run[`vehicle_${kind}covered`];
   for (let v = 0; v < run.vehicles.length; v++) {
     const r = v * run.columns + at;
     const i = run.row[r];
     if (i < 0) continue;
     const j = part > 0 && run.row[r + 1] >= 0 ? run.row[r + 1] : i;
-    const u = run.vehicle_uav[i];
-    let covered = run.vehicle_covered[i] === 1;
-    if (uavs[u] && state.mode === "static") {
-      const k = u * run.columns + at;
-      covered = Math.hypot(run.vehicle_x[i] - run.uav_static_x[k], run.vehicle_y[i] - run.uav_static_y[k]) <= run.range;
-    }
     const vehicle = {
-      index: v, uav: u, covered, x: between(run.vehicle_x, i, j), y: between(run.vehicle_y, i, j),
+      index: v, uav: owners[i], covered: covered[i] === 1,
+      x: between(run.vehicle_x, i, j), y: between(run.vehicle_y, i, j),
     };
-    if (u >= 0 && uavs[u]) {
-      uavs[u].serves++;
-      if (covered) uavs[u].covers++;
+    const uav = uavs[vehicle.uav];
+    if (uav) {
+      uav.serves++;
+      if (vehicle.covered) uav.covers++;
     }
     vehicles.push(vehicle);
   }
@@ -265,9 +263,9 @@ function drawZones(pen) {
     const y = bottom - (Math.floor((zone - 1) / grid.columns) + 1) * side + 7;
     const name = side < 100 ? String(zone) : "Zone " + zone;
     label(pen, name, x, y, theme.muted);
-    if (side < 150 || !(metric("vehicles", zone)[at] > 0)) continue;
-    const linked = metric(prefix + "connectivity", zone)[at] >= 1;
     const covered = Math.round(100 * metric(prefix + "coverage", zone)[at]);
+    if (side < 150 || !Number.isFinite(covered)) continue; // small, or without a team
+    const linked = metric(prefix + "connectivity", zone)[at] >= 1;
     const indent = pen.measureText(name + "  ").width;
     label(pen, `${covered} %, ${linked ? "linked" : "split"}`, x + indent, y, linked ? theme.muted : theme.warn, 400);
   }
@@ -633,7 +631,7 @@ function drawEvents() {
       const pair = html("span", {}, line);
       html("i", { textContent: parts[p] + " " }, pair);
       const value = parts[p + 1];
-      const long = value.length > 30 && !value.includes(" ");
+      const long = value.length > 40 && !value.includes(" ");
       pair.append(long ? value.slice(0, 12) + "…" + value.slice(-8) : value);
       if (long) pair.title = value;
     }
@@ -655,8 +653,10 @@ function drawTexts(scene) {
   const { asked = 0, accepted = 0 } = run.proposals[period] ?? {};
   const served = scene.vehicles.filter((vehicle) => vehicle.uav >= 0);
   const selected = scene.uavs.filter((uav) => uav?.selected).length;
+  const selection = `Selection ${period + 1} of ${periods}`;
   $("status").textContent =
-    `Selection ${period + 1} of ${periods}: ${accepted} of ${asked} proposals accepted, ${selected} UAVs at work. ` +
+    (state.mode === "static" ? `${selection}, same rules: ${selected} UAVs hover. `
+      : `${selection}: ${accepted} of ${asked} proposals accepted, ${selected} UAVs at work. `) +
     `${scene.vehicles.length} vehicles here, ${served.length} served, ` +
     `${served.filter((vehicle) => vehicle.covered).length} in range.`;
   if (!state.playing) map.canvas.setAttribute("aria-label", "Map of the run. " + $("status").textContent);
@@ -669,20 +669,21 @@ function drawCard(scene, at, period) {
   if (!shown) return;
   const found = member(scene, shown);
   const lines = [];
+  const flown = state.mode === "learned"; // batteries and proposals are those of the flying fleet
   if (shown.kind === "uav") {
     if (!found) lines.push("has landed");
-    else if (found.selected) lines.push(`zone ${found.zone}, serves ${found.serves}, ${found.covers} of them in range`, `battery ${number(found.battery, 1)} %`);
-    else lines.push(`zone ${found.zone}, idle`, `battery ${number(found.battery, 1)} %`);
+    else lines.push(`zone ${found.zone}, ` + (found.selected ? `serves ${found.serves}, ${found.covers} of them in range` : "idle"));
+    if (found && flown) lines.push(`battery ${number(found.battery, 1)} %`);
   } else {
     if (!found) lines.push("not on the map now");
     else if (found.uav < 0) lines.push("not served");
     else {
       const uav = scene.uavs[found.uav];
-      const distance = uav ? `, ${Math.round(Math.hypot(uav.x - found.x, uav.y - found.y))} m away` : "";
-      lines.push(`served by ${run.uavs[found.uav]}${distance}${found.covered ? "" : ": out of range"}`);
+      const distance = uav ? `, ${Math.round(Math.hypot(uav.x - found.x, uav.y - found.y))} m away` : ", which has landed";
+      lines.push(`served by ${run.uavs[found.uav]}${distance}${found.covered || !uav ? "" : ": out of range"}`);
     }
     const i = run.proposals[period]?.of.get(shown.index);
-    if (i !== undefined && run.proposal_uav[i] >= 0) {
+    if (flown && i !== undefined) {
       lines.push(`proposed to ${run.uavs[run.proposal_uav[i]]}: QoU ${number(run.proposal_qou[i], 1)}, ` +
         `${number(run.proposal_demand[i] / 1000, 2)} Mbit/s, ${run.proposal_accepted[i] ? "accepted" : "rejected"}`);
     }
