@@ -141,8 +141,8 @@ class Contract:
                 types, names = [_type(p) for p in entry["inputs"]], [p["name"] for p in entry["inputs"]]
                 selector = keccak(f"{entry['name']}({','.join(types)})".encode())[:4]
                 self._errors[selector] = (entry["name"], types, names)
-        constructor = next(e for e in artifact["abi"] if e["type"] == "constructor")
-        self._constructor = _Codec(constructor["inputs"])
+        constructors = [e["inputs"] for e in artifact["abi"] if e["type"] == "constructor"]
+        self._constructor = _Codec(constructors[0] if constructors else [])
 
     @cached_property
     def bytecode(self) -> bytes:
@@ -210,8 +210,18 @@ class Contract:
 
 @lru_cache(maxsize=1)
 def contract() -> Contract:
-    """The compiled contract that the package carries."""
-    text = (files("skyrelay.chain") / "artifacts" / "SkyRelay.json").read_text("utf-8")
+    """The compiled contract that the package carries; its ABI includes the extension's."""
+    return _compiled("SkyRelay")
+
+
+@lru_cache(maxsize=1)
+def extension() -> Contract:
+    """The compiled extension, which the contract passes calls on to (docs/decisions/002-contract-in-two-parts.md)."""
+    return _compiled("SkyRelayExtension")
+
+
+def _compiled(name: str) -> Contract:
+    text = (files("skyrelay.chain") / "artifacts" / f"{name}.json").read_text("utf-8")
     return Contract(json.loads(text))
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import Any
 
-from skyrelay.chain.abi import ContractError, Event, Function, contract
+from skyrelay.chain.abi import ContractError, Event, Function, contract, extension
 from skyrelay.chain.chain import DEFAULT_GAS, Answer, Call, Chain, Receipt
 from skyrelay.core.errors import ChainError
 from skyrelay.core.scenario import Selection
@@ -215,9 +215,12 @@ class IovClient:
             ContractError: the contract refuses the settings.
             ChainError: the chain is out of reach.
         """
-        compiled = contract()
-        data = compiled.creation(_parameters(settings))
         gas = min(DEPLOYMENT_GAS, chain.block_gas_limit)
+        first = chain.send([Call(sender, None, extension().creation(), gas, "constructor")], timestamp)[0]
+        if not first.status or first.created is None:
+            raise extension().error("constructor", first.output, first.halt)
+        compiled = contract()
+        data = compiled.creation(_parameters(settings), first.created)
         receipt = chain.send([Call(sender, None, data, gas, "constructor")], timestamp)[0]
         if not receipt.status or receipt.created is None:
             raise compiled.error("constructor", receipt.output, receipt.halt)
@@ -246,7 +249,10 @@ class IovClient:
         ]
         if len(deployed) != 1:
             raise ChainError("contract", address, "exactly one Deployed event")
-        return cls(chain, address, _settings(compiled.event(deployed[0]).args["parameters"]))
+        arguments = compiled.event(deployed[0]).args
+        if not extension().matches(chain.code(arguments["extension"])):
+            raise ChainError("contract extension", arguments["extension"], "the code of this version's extension")
+        return cls(chain, address, _settings(arguments["parameters"]))
 
     # Execution
 
