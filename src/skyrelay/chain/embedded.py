@@ -14,7 +14,7 @@ from skyrelay.chain.ledger import (
     FILE_NAME,
     Block,
     BlockFile,
-    DamagedRecord,
+    DamagedRecordError,
     Genesis,
     Transaction,
     Writes,
@@ -79,7 +79,7 @@ class EmbeddedChain:
                 continue
             block = decode_block(place, line, genesis.chain_id)
             if (block.number, block.parent) != (number, self.head):
-                raise DamagedRecord(
+                raise DamagedRecordError(
                     place, block.parent, f"number {number} and the hash of the block before, {self.head}"
                 )
             apply(self._state, block.writes)

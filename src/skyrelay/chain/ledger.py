@@ -1,9 +1,9 @@
-"""The embedded chain's record on disk: one line a block, each hashed, each naming the hash before it.
+r"""The embedded chain's record on disk: one line a block, each hashed, each naming the hash before it.
 
-A line is ``<sha-256 of the JSON, in hexadecimal> <JSON>\\n``; the first describes the chain. Lines are only ever appended,
-so that a process that is killed leaves at most an unfinished last line, which the next opening drops; anything else that
-does not fit is damage and is refused. A block has all that is needed to check it (transactions, receipts with their logs)
-and to go on without executing it again (what it wrote to the state).
+A line is ``<sha-256 of the JSON, in hexadecimal> <JSON>\n``; the first describes the chain. Lines are only ever
+appended, so that a process that is killed leaves at most an unfinished last line, which the next opening drops;
+anything else that does not fit is damage and is refused. A block has all that is needed to check it (transactions,
+receipts with their logs) and to go on without executing it again (what it wrote to the state).
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Block:
     hash: str = ""
 
 
-class DamagedRecord(ChainError):
+class DamagedRecordError(ChainError):
     """A line of a chain's record is not what was written."""
 
 
@@ -138,7 +138,7 @@ def decode_genesis(place: str, line: bytes) -> tuple[str, Genesis]:
     """Hash and content of a record's first line.
 
     Raises:
-        DamagedRecord: the line is not one that `encode_genesis` writes.
+        DamagedRecordError: the line is not one that `encode_genesis` writes.
     """
     digest, tree = _content(place, line)
     try:
@@ -146,7 +146,7 @@ def decode_genesis(place: str, line: bytes) -> tuple[str, Genesis]:
             raise ChainError(place, tree["format"], f"a record of the format {FORMAT}")
         genesis = Genesis(int(tree["chain_id"]), int(tree["gas_limit"]), int(tree["timestamp"]))
     except (KeyError, TypeError, ValueError) as error:
-        raise DamagedRecord(place, None, f"a chain's first record ({error!r})") from error
+        raise DamagedRecordError(place, None, f"a chain's first record ({error!r})") from error
     return digest, genesis
 
 
@@ -154,24 +154,26 @@ def decode_block(place: str, line: bytes, chain_id: int) -> Block:
     """A recorded block.
 
     Raises:
-        DamagedRecord: the line does not have the hash that it names, or is no block.
+        DamagedRecordError: the line does not have the hash that it names, or is no block.
     """
     digest, tree = _content(place, line)
     try:
         return _block(place, digest, tree, chain_id)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise DamagedRecord(place, None, f"a block's record ({error!r})") from error
+        raise DamagedRecordError(place, None, f"a block's record ({error!r})") from error
 
 
 def _block(place: str, digest: str, tree: dict[str, Any], chain_id: int) -> Block:
     number = int(tree["number"])
     transactions, receipts, index = [], [], 0
     if len(tree["transactions"]) != len(tree["receipts"]):
-        raise DamagedRecord(place, len(tree["receipts"]), f"{len(tree['transactions'])} receipts, one a transaction")
+        raise DamagedRecordError(
+            place, len(tree["receipts"]), f"{len(tree['transactions'])} receipts, one a transaction"
+        )
     for place_in_block, (t, r) in enumerate(zip(tree["transactions"], tree["receipts"], strict=True)):
         transaction = Transaction(t["sender"], int(t["nonce"]), t["to"], int(t["gas"]), bytes.fromhex(t["data"]))
         if t["hash"] != transaction.hash(chain_id):
-            raise DamagedRecord(f"{place}, transaction {place_in_block}", t["hash"], "the hash of its content")
+            raise DamagedRecordError(f"{place}, transaction {place_in_block}", t["hash"], "the hash of its content")
         logs = []
         for entry in r["logs"]:
             topics = tuple(bytes.fromhex(topic) for topic in entry["topics"])
@@ -223,10 +225,10 @@ def _line(tree: dict[str, Any]) -> tuple[str, bytes]:
 def _content(place: str, line: bytes) -> tuple[str, dict[str, Any]]:
     digest, content = line[:64], line[65:-1]
     if line[64:65] != b" " or line[-1:] != b"\n" or hashlib.sha256(content).hexdigest().encode() != digest:
-        raise DamagedRecord(place, digest.decode("ascii", "replace"), "the SHA-256 of what follows it on the line")
+        raise DamagedRecordError(place, digest.decode("ascii", "replace"), "the SHA-256 of what follows it on the line")
     tree = json.loads(content)
     if not isinstance(tree, dict):
-        raise DamagedRecord(place, None, "a JSON object")
+        raise DamagedRecordError(place, None, "a JSON object")
     return "0x" + digest.decode(), tree
 
 

@@ -200,6 +200,10 @@ class _Translator:
                         self._leave(after)
                     return
                 pc = after
+            elif op == 0x58:
+                self.gas += 2
+                self._push(pc)
+                pc += 1
             elif not self._plain(op):
                 return
             else:
