@@ -1,0 +1,48 @@
+"""What the docs say of the code is what the code says of itself."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from skyrelay.core.scenario import load_scenario, to_commented_toml
+from skyrelay.protocol.sequence import UAV, VEHICLE, ZONE, UavState, VehicleState, ZoneState, to_mermaid
+from skyrelay.simulation.recorder import SCHEMAS
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+
+
+def page(name):
+    return (ROOT / "docs" / name).read_text()
+
+
+def test_the_scenario_page_shows_every_key_with_its_default():
+    assert to_commented_toml(load_scenario()) in page("reference/scenario.md")
+
+
+def test_the_run_folder_page_names_every_table_and_column():
+    text = page("reference/run-folder.md")
+    for name, schema in SCHEMAS.items():
+        (row,) = re.findall(rf"^\| `{name}\.parquet` .*$", text, re.MULTILINE)
+        for field in schema:
+            assert f"`{field.name}`" in row
+
+
+@pytest.mark.parametrize(
+    ("table", "start"), [(VEHICLE, VehicleState.NEW), (UAV, UavState.NEW), (ZONE, ZoneState.COLLECTING)]
+)
+def test_the_sequence_page_shows_the_tables(table, start):
+    assert to_mermaid(table, start) in page("reference/sequence.md")
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_link_leads_somewhere(path):
+    for target in re.findall(r"\]\(([^)#\s]+)", path.read_text()):
+        if not target.startswith(("http://", "https://", "mailto:")):
+            assert (path.parent / target).exists(), f"{path.name} links to {target}"
+
+
+def test_every_path_of_the_paper_map_exists():
+    for target in re.findall(r"`((?:src|contracts|tests|benchmarks)/[^`]+)`", page("paper-map.md")):
+        assert (ROOT / target).exists(), target
