@@ -97,6 +97,7 @@ def test_a_column_of_another_type(folder: Path) -> None:
         ("vehicles", "static_uav", "ghost", r"vehicles\.parquet: static_uav: is 'ghost'"),
         ("metrics", "zone", 5, r"metrics\.parquet: zone\[3\]: is 5"),
         ("events", "args", "{", r"events\.parquet: args\[3\]: is '{'; expected JSON"),
+        ("events", "args", '{"a": ' + "9" * 5000 + "}", r"events\.parquet: args\[3\]: is .*; expected JSON"),
         ("events", "args", "[1]", r"events\.parquet: args\[3\]: is '\[1\]'; expected a JSON object"),
     ],
 )

@@ -152,6 +152,14 @@ def test_text_of_a_run_is_never_markup(sample: ModuleType, tmp_path: Path, evil:
     assert evil in decode(encode(read_run(run)))[0]["vehicles"]
 
 
+def test_text_that_utf8_cannot_hold(recorded: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(recorded, tmp_path / "run")
+    table = pq.read_table(run / "events.parquet")
+    args = ['{"id": "\\ud800"}', *table["args"].to_pylist()[1:]]
+    pq.write_table(table.set_column(table.column_names.index("args"), "args", [args]), run / "events.parquet")
+    assert ["id", "\ud800"] in decode(encode(read_run(run)))[0]["eventArgs"]
+
+
 def test_a_run_without_a_single_vehicle_or_event(recorded: Path, tmp_path: Path) -> None:
     run = shutil.copytree(recorded, tmp_path / "run")
     for name in ("vehicles", "proposals", "events"):

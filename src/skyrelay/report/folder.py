@@ -204,14 +204,14 @@ def _read_summary(path: Path) -> Summary:
         return Summary.model_validate(json.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError:
         raise RunFolderError(path, None, "a file of the run folder; it is not there") from None
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise RunFolderError(path, None, f"readable JSON ({error})") from error
     except ValidationError as error:
         fault = error.errors()[0]
         place = ": ".join([str(path), ".".join(map(str, fault["loc"]))]) if fault["loc"] else path
         if fault["type"] == "missing":
             raise RunFolderError(place, None, "this key; it is missing") from None
         raise RunFolderError(place, fault["input"], fault["msg"].removeprefix("Input should be ")) from None
+    except (OSError, ValueError) as error:
+        raise RunFolderError(path, None, f"readable JSON ({error})") from error
 
 
 def _read_table(path: Path, columns: Mapping[str, pa.DataType]) -> Table:

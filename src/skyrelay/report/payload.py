@@ -46,7 +46,7 @@ def encode(run: Run) -> str:
         described[name] = [_TYPES[array.dtype.str[1:]], len(blob), array.size]
         blob += little.tobytes()
         blob += bytes(-len(blob) % 4)
-    text = json.dumps(header | {"arrays": described}, ensure_ascii=False, allow_nan=False).encode()
+    text = json.dumps(header | {"arrays": described}, allow_nan=False).encode()
     text += b" " * (-(len(text) + 4) % 4)
     return base64.b64encode(zlib.compress(len(text).to_bytes(4, "little") + text + bytes(blob), 9)).decode("ascii")
 
@@ -188,7 +188,7 @@ def _arguments(run: Run, row: int, names: Mapping[str, str]) -> list[str]:
     text = run.events["args"][row]
     try:
         arguments = json.loads(text)
-    except json.JSONDecodeError as error:
+    except ValueError as error:
         raise RunFolderError(place, text, f"JSON ({error})") from error
     if not isinstance(arguments, dict):
         raise RunFolderError(place, text, "a JSON object")
