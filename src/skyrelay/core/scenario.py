@@ -130,6 +130,12 @@ class Chain(_Section):
     """Where the contract lives."""
 
     url: str | None = Field(None, description="JSON-RPC endpoint; left out: the embedded chain")
+    keystore: str | None = Field(
+        None, description="of this host's accounts, encrypted; left out: keys of this run only"
+    )
+    confirmations: Annotated[int, Field(ge=0, le=1000)] = Field(
+        0, description="blocks above a receipt's before it counts: 0 where blocks are final (QBFT)"
+    )
     proposals_per_call: Annotated[int, Field(ge=1)] = Field(
         60, description="largest piece of a zone's allocation in one transaction [proposals]"
     )

@@ -6,10 +6,13 @@ import hashlib
 from pathlib import Path
 from types import TracebackType
 
-from skyrelay.chain.client import IovClient, Role, Settings
+from skyrelay.chain.accounts import Keyring
+from skyrelay.chain.client import IovClient, ModelCard, Role, Settings
 from skyrelay.chain.embedded import EmbeddedChain
+from skyrelay.chain.node import NodeChain
 from skyrelay.core.flight import ACTIONS
 from skyrelay.core.maps import CHANNELS
+from skyrelay.core.scenario import Chain as ChainConfig
 from skyrelay.core.scenario import Scenario
 from skyrelay.policy import Policy, builtin_policies
 from skyrelay.policy.card import Card
@@ -53,7 +56,7 @@ class Consortium:
         url = scenario.store.url
         self.store: ModelStore = KuboStore(url) if url else LocalStore(folder / STORE_FOLDER)
         self.hangar = Hangar()
-        self.chain = EmbeddedChain(folder / CHAIN_FOLDER)
+        self.chain = _open_chain(scenario.chain, folder)
         self.administrator = self.account("administrator")
         self.coordinator = self.account("coordinator")
         self.publisher = self.account("publisher")
@@ -68,6 +71,13 @@ class Consortium:
         """Name and address of those with a role."""
         names = ("administrator", "coordinator", "publisher", "reputation authority")
         return {name: self.account(name) for name in names}
+
+    @property
+    def head(self) -> str:
+        """Hash of the latest block."""
+        if isinstance(self.chain, EmbeddedChain):
+            return self.chain.head
+        return str(self.chain.block(self.chain.block_number)["hash"])
 
     def found(self) -> None:
         """Grant the roles, store every policy and register it by its CID."""
@@ -94,7 +104,15 @@ class Consortium:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.chain.close()
+        if isinstance(self.chain, EmbeddedChain):
+            self.chain.close()
+
+
+def _open_chain(config: ChainConfig, folder: Path) -> EmbeddedChain | NodeChain:
+    if config.url is None:
+        return EmbeddedChain(folder / CHAIN_FOLDER)
+    keyring = Keyring.open(Path(config.keystore)) if config.keystore else Keyring.ephemeral()
+    return NodeChain(config.url, keyring, confirmations=config.confirmations)
 
 
 def chain_card(card: Card) -> ModelCard:

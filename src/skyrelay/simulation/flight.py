@@ -127,7 +127,8 @@ class Flight:
         return [*measures, self._summary(0, served, covered, path, neighbor)]
 
     def _served(self, x: FloatArray) -> npt.NDArray[np.bool_]:
-        return (self.owner != NOBODY) & np.isfinite(x)
+        there: npt.NDArray[np.bool_] = (self.owner != NOBODY) & np.isfinite(x)
+        return there
 
     def _positions(self, rows: IntArray) -> FloatArray:
         return np.column_stack([self.fleet.x[rows], self.fleet.y[rows]])

@@ -270,15 +270,9 @@ class _Run:
                 calls.append(agent.submit(self.client, choice.uav, view))
                 rows.append({"vehicle": row, "uav": self.uav_row[choice.uav], "zone": view.zone, "qou": choice.qou})
         submitted = [e.args for e in self._execute(calls, step) if e.name == "VehSelectionSubmitted"]
-        for row, args in zip(rows, submitted, strict=True):
-            row |= {
-                "period": period,
-                "round": round_,
-                "qov": args["qov"],
-                "score": args["score"],
-                "order": self.submissions,
-            }
-            self.submissions += 1
+        for entry, args in zip(rows, submitted, strict=True):
+            order, self.submissions = self.submissions, self.submissions + 1
+            entry |= {"period": period, "round": round_, "qov": args["qov"], "score": args["score"], "order": order}
         return rows
 
     def _allocate(self, zones: set[int], step: int) -> None:
@@ -523,8 +517,9 @@ class _Run:
             "transactions": self.transactions,
             "gas_used": self.gas_used,
             "blocks": self.consortium.chain.block_number,
-            "chain_head": self.consortium.chain.head,
+            "chain_head": self.consortium.head,
             "contract": self.client.address,
+            "chain_url": self.scenario.chain.url,
             "model_cids": sorted(self.cids),
             "range_m": self.scenario.fleet.range,
             "step_seconds": config.step_seconds,
