@@ -53,13 +53,13 @@ def sentence(run: Run) -> str:
     summary = run.summary
     seconds = summary.period_steps * summary.step_seconds
     start = (
-        f"{summary.served:,} of {summary.vehicles:,} connected vehicles are served by UAVs, which a contract "
-        f"chooses from a fleet of {summary.uavs:,} every {seconds:g} s."
+        f"{summary.served:,} of {summary.vehicles:,} connected vehicles are served by UAVs, chosen on chain "
+        f"every {seconds:g} s from a fleet of {summary.uavs:,}."
     )
     if summary.coverage is None or summary.static_coverage is None:
         return start
     learned, hovering = _percent(summary.coverage), _percent(summary.static_coverage)
-    middle = f" Flying a learned policy, they keep {learned} of these vehicles in range ({hovering} if they hovered)"
+    middle = f" Flying a learned policy, they keep {learned} of them in range ({hovering} if hovering)"
     if summary.connectivity is None:
         return f"{start}{middle}."
     return f"{start}{middle} and their teams linked {_percent(summary.connectivity)} of the time."
