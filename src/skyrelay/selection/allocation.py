@@ -31,8 +31,10 @@ def allocate(
         u; the proposal list and v are meant).
     """
     accepted = np.zeros(len(uav), dtype=bool)
-    submitted = np.arange(len(uav)) if order is None else order
-    ranking = np.lexsort((submitted, -score, uav))
+    # Stable sorts, the weightiest key last: by submission, by falling score, by UAV.
+    ranking = np.arange(len(uav)) if order is None else np.argsort(order, kind="stable")
+    ranking = ranking[np.argsort(-score[ranking], kind="stable")]
+    ranking = ranking[np.argsort(uav[ranking], kind="stable")]
     free = capacity.tolist()
     taken = []
     for position, u, asked in zip(ranking.tolist(), uav[ranking].tolist(), demand[ranking].tolist(), strict=True):

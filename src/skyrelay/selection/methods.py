@@ -32,7 +32,8 @@ class Selection:
         qou, qov: [V] of the vehicle with its UAV, NaN where it has none.
         rounds: of proposals, as played; empty for the methods that have none.
         objective: what ``optimal`` maximised, and the total it reached; None for the others.
-        gap: of ``optimal``: (bound - total) / total, 0 where proved optimal; None for the others.
+        gap: of ``optimal``: (bound - total) / total, 0 where proved optimal, infinite where there is no bound yet; None
+            for the others.
     """
 
     method: str
@@ -167,7 +168,7 @@ def _result(
 def _check(value: str, known: tuple[str, ...], what: str) -> None:
     if value in known:
         return
-    close = difflib.get_close_matches(value, known, n=1)
+    close = difflib.get_close_matches(value.lower(), known, n=1)
     hint = f" (did you mean {close[0]!r}?)" if close else ""
     raise UsageError(what, value, f"one of {', '.join(known)}{hint}")
 

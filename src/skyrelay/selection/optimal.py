@@ -9,13 +9,13 @@ from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csr_array, vstack
 
 from skyrelay.core.entities import IntArray, UavTable, VehicleTable
-from skyrelay.core.errors import SelectionError, UsageError
+from skyrelay.core.errors import UsageError
 from skyrelay.core.scenario import Selection as Settings
 from skyrelay.selection.candidates import candidate_pairs
+from skyrelay.selection.deferred_acceptance import deferred_acceptance
+from skyrelay.selection.quality import pair_qou, pair_qov
 
 Objective = Literal["qou", "qov", "served"]
-
-_TIME_LIMIT_REACHED = 1  # `scipy.optimize.milp`: status
 
 
 def optimal(
@@ -31,22 +31,22 @@ def optimal(
     Args:
         time_limit: stop after so many seconds with the best assignment found; None: no limit.
         gap: stop when the assignment is within this share of the bound.
-    Returns: [V] UAV or -1, the objective's value, and the gap left: (bound - value) / value, 0 where proved optimal.
+    Returns: [V] UAV or -1, the total, and the gap left: (bound - total) / total, infinite where there is no bound yet.
     Raises:
         UsageError: a time limit that is not above 0, or a gap below 0.
-        SelectionError: the solver found nothing within the time limit.
     Source: HiGHS, as scipy carries it.
     """
     if time_limit is not None and not time_limit > 0.0:
         raise UsageError("time_limit", time_limit, "seconds above 0")
     if not gap >= 0.0:
         raise UsageError("gap", gap, "a share of the bound, at least 0")
-    assignment = np.full(len(vehicles), -1, dtype=np.int64)
+    # The solver takes no start, and stopped early it may have nothing: deferred acceptance is the least there is.
+    candidates = [deferred_acceptance(vehicles, uavs, settings, rounds=None)[0]]
     pairs = candidate_pairs(vehicles, uavs, settings)
     fits = vehicles.demand[pairs.vehicle] <= uavs.bandwidth[pairs.uav]
     vehicle, uav = pairs.vehicle[fits], pairs.uav[fits]
     if not len(vehicle):
-        return assignment, 0.0, 0.0
+        return candidates[0], 0.0, 0.0
     worth = {"qou": pairs.qou[fits], "qov": pairs.qov[fits], "served": np.ones(len(vehicle))}[objective]
     column = np.arange(len(vehicle))
     one_uav_each = csr_array((np.ones(len(vehicle)), (vehicle, column)), shape=(len(vehicles), len(vehicle)))
@@ -60,11 +60,22 @@ def optimal(
         ),
         options={"mip_rel_gap": gap, "time_limit": np.inf if time_limit is None else time_limit},
     )
-    if solved.x is None:
-        if solved.status == _TIME_LIMIT_REACHED:
-            raise SelectionError("optimal: time_limit", time_limit, "more seconds; no assignment was found in these")
-        raise SelectionError("optimal", solved.message, "a problem that HiGHS can solve")
-    chosen = solved.x > 0.5
-    assignment[vehicle[chosen]] = uav[chosen]
-    value = float(worth[chosen].sum())
-    return assignment, value, max(0.0, (-float(solved.mip_dual_bound) - value) / value) if value else 0.0
+    if solved.x is not None:
+        chosen = solved.x > 0.5
+        found = np.full(len(vehicles), -1, dtype=np.int64)
+        found[vehicle[chosen]] = uav[chosen]
+        candidates.append(found)
+    totals = [_total(vehicles, uavs, settings, objective, assignment) for assignment in candidates]
+    best = int(np.argmax(totals))
+    bound = np.inf if solved.mip_dual_bound is None else -float(solved.mip_dual_bound)
+    return candidates[best], totals[best], max(0.0, (bound - totals[best]) / totals[best])
+
+
+def _total(
+    vehicles: VehicleTable, uavs: UavTable, settings: Settings, objective: Objective, assignment: IntArray
+) -> float:
+    rows = np.flatnonzero(assignment >= 0)
+    if objective == "served":
+        return float(len(rows))
+    score = pair_qou if objective == "qou" else pair_qov
+    return float(score(vehicles, uavs, rows, assignment[rows], settings).sum())

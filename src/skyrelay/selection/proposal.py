@@ -127,8 +127,9 @@ class Preferences:
             if len(members) * len(columns) <= _BLOCK_PAIRS:
                 yield members, columns
                 continue
+            eastward = columns[np.argsort(self._uavs.x[columns])]
             for cell in self._cells(rows, members):
-                near = self._within_reach(rows[cell], columns, prune)
+                near = self._within_reach(rows[cell], eastward, prune)
                 if len(near):
                     yield cell, near
 
@@ -143,11 +144,20 @@ class Preferences:
         edges = np.flatnonzero((np.diff(column[order]) != 0) | (np.diff(row[order]) != 0)) + 1
         yield from np.split(members[order], edges)
 
-    def _within_reach(self, rows: IntArray, columns: IntArray, prune: bool) -> IntArray:
-        """The UAVs that can be a candidate of any of ``rows``; with ``prune``, that can be the best of any."""
+    def _within_reach(self, rows: IntArray, eastward: IntArray, prune: bool) -> IntArray:
+        """Of a zone's UAVs from west to east, ascending, the ones that can be a candidate of any of ``rows``.
+
+        With ``prune`` only the ones that can be the best candidate of any.
+        """
         settings, weight = self._settings, self._settings.qou_weights[3]
         x, y = self._vehicles.x[rows], self._vehicles.y[rows]
         west, east, south, north = x.min(), x.max(), y.min(), y.max()
+        columns = eastward
+        if settings.candidates == "range":
+            # One metre more than the range: the last word is the distance itself.
+            reach = settings.max_distance + 1.0
+            band = np.searchsorted(self._uavs.x[eastward], (west - reach, east + reach))
+            columns = eastward[band[0] : band[1]]
         ux, uy = self._uavs.x[columns], self._uavs.y[columns]
         # The same rounded steps as the score's own, so nearest <= distance <= furthest holds to the last bit.
         nearest = distance(_beyond(west, ux, east), _beyond(south, uy, north))
@@ -155,13 +165,13 @@ class Preferences:
             inside = nearest <= settings.max_distance
             columns, ux, uy, nearest = columns[inside], ux[inside], uy[inside], nearest[inside]
         if not prune or not len(columns):
-            return columns
+            return np.sort(columns)
         furthest = distance(np.maximum(east - ux, ux - west), np.maximum(north - uy, uy - south))
         at_best = 100.0 * (self._standing[columns] + weight * closeness(nearest, settings))
         at_worst = 100.0 * (self._standing[columns] + weight * closeness(furthest, settings))
         if settings.candidates == "range":
             at_worst = at_worst[furthest <= settings.max_distance]
-        return columns[at_best >= at_worst.max()] if len(at_worst) else columns
+        return np.sort(columns[at_best >= at_worst.max()] if len(at_worst) else columns)
 
 
 @dataclass
