@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity 0.8.26;
+
+import {SkyRelay} from "../src/SkyRelay.sol";
+import {SkyRelayExtension} from "../src/SkyRelayExtension.sol";
+import {ISkyRelay} from "../src/interfaces/ISkyRelay.sol";
+import {ISkyRelayExtension} from "../src/interfaces/ISkyRelayExtension.sol";
+import {ISkyRelayTypes} from "../src/interfaces/ISkyRelayTypes.sol";
+import {Test} from "./Vm.sol";
+
+/// @notice A deployed SkyRelay, this contract holding all its roles, and named members.
+abstract contract Fixture is Test, ISkyRelayTypes {
+    SkyRelay internal relay;
+    /// @dev The same address, for what the extension answers.
+    ISkyRelayExtension internal more;
+
+    function parameters() internal pure virtual returns (Parameters memory) {
+        return Parameters({
+            qouWeights: [uint32(250_000), 250_000, 250_000, 250_000],
+            qovWeights: [uint32(250_000), 250_000, 250_000, 250_000],
+            maxBandwidth: 20_000,
+            maxDemand: 4_000,
+            maxPayment: 700,
+            maxDistance: 30_000,
+            rangeGate: true,
+            initialReputation: 5_000,
+            ratingStep: 100,
+            observationSide: 11,
+            channels: 6,
+            actions: 9
+        });
+    }
+
+    function deploy() internal {
+        relay = new SkyRelay(parameters(), address(new SkyRelayExtension()));
+        more = ISkyRelayExtension(address(relay));
+        relay.grantRole(relay.COORDINATOR_ROLE(), address(this));
+        relay.grantRole(relay.PUBLISHER_ROLE(), address(this));
+        relay.grantRole(relay.REPUTATION_ROLE(), address(this));
+    }
+
+    function uav(uint256 i) internal pure returns (address) {
+        return address(uint160(0x1000 + i));
+    }
+
+    function vehicle(uint256 i) internal pure returns (address) {
+        return address(uint160(0x100000 + i));
+    }
+
+    function addUAV(uint256 i, uint32 bandwidth, uint32 zone) internal returns (address member) {
+        member = uav(i);
+        vm.prank(member);
+        relay.registerUAV(int32(int256(i)), 0, 100, 9_000, bandwidth, zone);
+    }
+
+    function addVehicle(uint256 i, uint32 payment, uint32 zone) internal returns (address member) {
+        member = vehicle(i);
+        vm.prank(member);
+        relay.registerVehicle(int32(int256(i)), 0, payment, zone);
+    }
+
+    function submit(address member, address to, uint32 demand, uint32 round) internal {
+        vm.prank(member);
+        relay.submitVehSelection(to, demand, round);
+    }
+
+    function allocate(uint32 zone) internal {
+        check(relay.allocateZone(zone, type(uint256).max), "allocated in one piece");
+    }
+
+    function status(address member) internal view returns (ProposalStatus found) {
+        (found,,) = more.getVehicleSelection(member);
+    }
+
+    function round(uint32 zone) internal view returns (uint32) {
+        return more.getZoneInfo(zone).round;
+    }
+}
