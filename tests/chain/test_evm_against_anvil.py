@@ -71,7 +71,9 @@ class Program:
         elif kind <= 2:
             self.push(r.randrange(0, 70))
         elif kind == 3:
-            self.push(r.choice([0, 1, 31, 32, 33, 255, 256, evm.WORD, 1 << 255, (1 << 255) - 1, evm.WORD - 1, 1 << 128]))
+            self.push(
+                r.choice([0, 1, 31, 32, 33, 255, 256, evm.WORD, 1 << 255, (1 << 255) - 1, evm.WORD - 1, 1 << 128])
+            )
         elif kind == 4:
             self.push(r.getrandbits(256))
         elif kind == 5:
@@ -90,7 +92,9 @@ class Program:
         r = self.random
         kind = r.randrange(23)
         if kind <= 4:
-            opcode = r.choice([1, 2, 3, 4, 5, 6, 7, 0x0A, 0x0B, 0x10, 0x11, 0x12, 0x13, 0x14, 0x16, 0x17, 0x18, *range(0x1A, 0x1E)])
+            opcode = r.choice(
+                [1, 2, 3, 4, 5, 6, 7, 0x0A, 0x0B, 0x10, 0x11, 0x12, 0x13, 0x14, 0x16, 0x17, 0x18, *range(0x1A, 0x1E)]
+            )
             self.operand()
             self.operand()
             self.op(opcode, 2, 1)
@@ -102,7 +106,32 @@ class Program:
             self.operand()
             self.op(r.choice([0x15, 0x19, 0x35]), 1, 1)
         elif kind == 7:
-            self.op(r.choice([0x30, 0x32, 0x33, 0x34, 0x36, 0x38, 0x3A, 0x3D, 0x41, 0x42, 0x43, 0x45, 0x46, 0x47, 0x48, 0x58, 0x59, 0x5A]), 0, 1)
+            self.op(
+                r.choice(
+                    [
+                        0x30,
+                        0x32,
+                        0x33,
+                        0x34,
+                        0x36,
+                        0x38,
+                        0x3A,
+                        0x3D,
+                        0x41,
+                        0x42,
+                        0x43,
+                        0x45,
+                        0x46,
+                        0x47,
+                        0x48,
+                        0x58,
+                        0x59,
+                        0x5A,
+                    ]
+                ),
+                0,
+                1,
+            )
         elif kind == 8:
             self.operand()
             self.small()

@@ -106,8 +106,8 @@ class Chain(Protocol):
     def send(self, calls: Sequence[Call], timestamp: int | None = None) -> list[Receipt]:
         """Have transactions mined.
 
-        Those of one sender are mined in this order. The embedded chain keeps it between senders too; a network need not:
-        what must come first goes into a `send` of its own.
+        Those of one sender are mined in this order. The embedded chain keeps it between senders too; a network need
+        not: what must come first goes into a `send` of its own.
 
         Args:
             timestamp: of the blocks [s]; only the embedded chain heeds it, a node has its own clock.

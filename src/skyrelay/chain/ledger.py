@@ -140,13 +140,14 @@ def decode_genesis(place: str, line: bytes) -> tuple[str, Genesis]:
     Raises:
         DamagedRecordError: the line is not one that `encode_genesis` writes.
     """
-    digest, tree = _content(place, line)
+    digest, content = split(line)
     try:
-        if tree["format"] != FORMAT:
-            raise ChainError(place, tree["format"], f"a record of the format {FORMAT}")
-        genesis = Genesis(int(tree["chain_id"]), int(tree["gas_limit"]), int(tree["timestamp"]))
+        tree = json.loads(content)
+        known, genesis = tree["format"], Genesis(int(tree["chain_id"]), int(tree["gas_limit"]), int(tree["timestamp"]))
     except (KeyError, TypeError, ValueError) as error:
-        raise DamagedRecordError(place, None, f"a chain's first record ({error!r})") from error
+        raise DamagedRecordError(place, None, f"a chain's first record ({error})") from error
+    if (digest, line) != encode_genesis(genesis):
+        raise DamagedRecordError(place, known, f"a first record of the format {FORMAT}, with its SHA-256 before it")
     return digest, genesis
 
 
@@ -154,16 +155,45 @@ def decode_block(place: str, line: bytes, chain_id: int) -> Block:
     """A recorded block.
 
     Raises:
-        DamagedRecordError: the line does not have the hash that it names, or is no block.
+        DamagedRecordError: the line or a transaction does not have the hash that it names, or the line is no block.
     """
-    digest, tree = _content(place, line)
+    digest, content = split(line)
+    if digest != content_hash(content):
+        raise DamagedRecordError(place, digest, "the SHA-256 of what follows it on the line")
+    block = parse_block(place, digest, content)
+    for transaction, receipt in zip(block.transactions, block.receipts, strict=True):
+        if receipt.hash != transaction.hash(chain_id):
+            raise DamagedRecordError(
+                f"{place}, transaction {receipt.transaction}", receipt.hash, "the hash of its content"
+            )
+    return block
+
+
+def parse_block(place: str, digest: str, content: bytes) -> Block:
+    """A block from its JSON, whatever its hashes.
+
+    Raises:
+        DamagedRecordError: it is no block.
+    """
     try:
-        return _block(place, digest, tree, chain_id)
+        return _block(place, digest, json.loads(content))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise DamagedRecordError(place, None, f"a block's record ({error!r})") from error
+        raise DamagedRecordError(place, None, f"a block's record ({error})") from error
 
 
-def _block(place: str, digest: str, tree: dict[str, Any], chain_id: int) -> Block:
+def split(line: bytes) -> tuple[str, bytes]:
+    """The hash that a line names (empty where it names none), and the JSON behind it."""
+    if line[64:65] != b" " or not line.endswith(b"\n"):
+        return "", line[65:].removesuffix(b"\n")
+    return "0x" + line[:64].decode("ascii", "replace"), line[65:-1]
+
+
+def content_hash(content: bytes) -> str:
+    """The hash that a line must name."""
+    return "0x" + hashlib.sha256(content).hexdigest()
+
+
+def _block(place: str, digest: str, tree: dict[str, Any]) -> Block:
     number = int(tree["number"])
     transactions, receipts, index = [], [], 0
     if len(tree["transactions"]) != len(tree["receipts"]):
@@ -172,8 +202,6 @@ def _block(place: str, digest: str, tree: dict[str, Any], chain_id: int) -> Bloc
         )
     for place_in_block, (t, r) in enumerate(zip(tree["transactions"], tree["receipts"], strict=True)):
         transaction = Transaction(t["sender"], int(t["nonce"]), t["to"], int(t["gas"]), bytes.fromhex(t["data"]))
-        if t["hash"] != transaction.hash(chain_id):
-            raise DamagedRecordError(f"{place}, transaction {place_in_block}", t["hash"], "the hash of its content")
         logs = []
         for entry in r["logs"]:
             topics = tuple(bytes.fromhex(topic) for topic in entry["topics"])
@@ -218,18 +246,8 @@ def _block(place: str, digest: str, tree: dict[str, Any], chain_id: int) -> Bloc
 
 def _line(tree: dict[str, Any]) -> tuple[str, bytes]:
     content = json.dumps(tree, separators=(",", ":")).encode()
-    digest = hashlib.sha256(content).hexdigest()
-    return "0x" + digest, digest.encode() + b" " + content + b"\n"
-
-
-def _content(place: str, line: bytes) -> tuple[str, dict[str, Any]]:
-    digest, content = line[:64], line[65:-1]
-    if line[64:65] != b" " or line[-1:] != b"\n" or hashlib.sha256(content).hexdigest().encode() != digest:
-        raise DamagedRecordError(place, digest.decode("ascii", "replace"), "the SHA-256 of what follows it on the line")
-    tree = json.loads(content)
-    if not isinstance(tree, dict):
-        raise DamagedRecordError(place, None, "a JSON object")
-    return "0x" + digest.decode(), tree
+    digest = content_hash(content)
+    return digest, digest[2:].encode() + b" " + content + b"\n"
 
 
 class BlockFile:

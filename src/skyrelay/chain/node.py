@@ -131,19 +131,12 @@ class NodeChain:
 
     # Beyond it
 
-    def block(self, number: int) -> dict[str, Any]:
-        """A block's header and the hashes of its transactions, as the node tells them.
+    def blocks(self, numbers: Sequence[int]) -> list[dict[str, Any]]:
+        """Blocks' headers, as the node tells them.
 
         Raises:
-            ChainError: the node has no such block.
+            ChainError: the node lacks one.
         """
-        found: dict[str, Any] | None = self._one("eth_getBlockByNumber", hex(number), False)
-        if found is None:
-            raise ChainError(f"{self._urls[0]}: block", number, "a block that the node has")
-        return found
-
-    def blocks(self, numbers: Sequence[int]) -> list[dict[str, Any]]:
-        """Many blocks' headers."""
         replies = self._batch([("eth_getBlockByNumber", [hex(number), False]) for number in numbers])
         found: list[dict[str, Any]] = []
         for number, reply in zip(numbers, replies, strict=True):
@@ -151,6 +144,24 @@ class NodeChain:
             if block is None:
                 raise ChainError(f"{self._urls[0]}: block", number, "a block that the node has")
             found.append(block)
+        return found
+
+    def transactions(self, places: Sequence[tuple[int, int]]) -> list[tuple[str, str | None]]:
+        """Sender and recipient of the transactions at these places (block, place in it).
+
+        Raises:
+            ChainError: the node lacks one.
+        """
+        replies = self._batch(
+            [("eth_getTransactionByBlockNumberAndIndex", [hex(block), hex(index)]) for block, index in places]
+        )
+        found: list[tuple[str, str | None]] = []
+        for (block, index), reply in zip(places, replies, strict=True):
+            transaction = _result(reply, "eth_getTransactionByBlockNumberAndIndex")
+            if transaction is None:
+                raise ChainError(f"{self._urls[0]}: block {block}", f"no transaction {index}", "one that the node has")
+            to = transaction["to"]
+            found.append((transaction["from"].lower(), to and to.lower()))
         return found
 
     # Sending

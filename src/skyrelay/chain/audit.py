@@ -1,0 +1,228 @@
+"""The audit: is every selection, by the chain's own record, what the published algorithm gives.
+
+On a run folder the record is executed again, block by block, then the contract's events are followed by the Python
+reference, then the tables and the summary beside the record are compared with it. On a node the blocks' links and the
+events are checked the same way, with nothing but the contract's address.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from skyrelay.chain.abi import Event, contract, extension
+from skyrelay.chain.chain import LogEntry
+from skyrelay.chain.client import IovClient
+from skyrelay.chain.ledger import FILE_NAME, Block
+from skyrelay.chain.node import NodeChain
+from skyrelay.chain.reference import ReferenceContract
+from skyrelay.chain.replay import Difference, replay
+from skyrelay.core.errors import ChainError, RunFolderError
+
+CHAIN_FOLDER = "chain"
+SUMMARY = "summary.json"
+EVENTS = "events.parquet"
+
+Progress = Callable[[str], None]
+
+
+def _in_silence(stage: str) -> None:
+    """Show no progress."""
+
+
+@dataclass
+class AuditReport:
+    """What an audit compared and what it found.
+
+    Attributes:
+        subject: the run folder, or the endpoint and the contract.
+        checked: how many of each thing were compared.
+        differences: every one found; none where all agree.
+    """
+
+    subject: str
+    checked: Counter[str] = field(default_factory=Counter)
+    differences: list[Difference] = field(default_factory=list)
+
+    @property
+    def agrees(self) -> bool:
+        """Nothing differs."""
+        return not self.differences
+
+
+def audit_run(folder: Path, progress: Progress = _in_silence) -> AuditReport:
+    """Audit a run folder.
+
+    Args:
+        progress: is told the name of each stage.
+    Raises:
+        RunFolderError: the folder has no chain's record or no summary.
+    """
+    report = AuditReport(str(folder))
+    if not (folder / CHAIN_FOLDER / FILE_NAME).is_file():
+        raise RunFolderError(folder, None, f"a run's folder with {CHAIN_FOLDER}/{FILE_NAME} (a run on a node is "
+                             "audited there: --chain URL --contract ADDRESS)")  # fmt: skip
+    summary = _summary(folder / SUMMARY, report)
+    progress("executing the record again")
+    done = replay(folder / CHAIN_FOLDER)
+    report.differences += done.differences
+    report.checked["blocks"] = len(done.blocks)
+    report.checked["transactions"] = done.transactions
+    _compare_summary(summary, {"chain_head": done.head, "blocks": len(done.blocks)}, report)
+
+    address = summary.get("contract") if summary else None
+    deployed = _deployments(done.blocks)
+    if address not in deployed:
+        if summary is not None:
+            report.differences.append(Difference(f"{SUMMARY}: contract", str(address), " or ".join(deployed) or "none"))
+        address = deployed[0] if deployed else None
+    if address is None:
+        return report
+
+    progress("rebuilding every selection")
+    logs = [
+        entry
+        for block in done.blocks
+        for receipt in block.receipts
+        for entry in receipt.logs
+        if entry.address == address
+    ]
+    transactions = {
+        (block.number, index): (transaction.sender, transaction.to)
+        for block in done.blocks
+        for index, transaction in enumerate(block.transactions)
+    }
+    events = _follow(logs, transactions, address, report)
+    progress("comparing the tables")
+    _compare_events(folder / EVENTS, events, report)
+    return report
+
+
+def audit_node(chain: NodeChain, address: str, progress: Progress = _in_silence) -> AuditReport:
+    """Audit a contract on a node.
+
+    Args:
+        progress: is told the name of each stage.
+    Raises:
+        ChainError: the chain is out of reach, or the address is not this contract's.
+    """
+    client = IovClient.connect(chain, address)
+    report = AuditReport(f"{client.address} on chain {chain.chain_id}")
+    last = chain.block_number
+    progress("reading the events")
+    logs = chain.logs(client.address, 0, last)
+    progress("checking the blocks' links")
+    _check_links(chain, logs[0].block if logs else last, last, report)
+    progress("rebuilding every selection")
+    places = sorted({(entry.block, entry.transaction) for entry in logs})
+    transactions = dict(zip(places, chain.transactions(places), strict=True))
+    report.checked["transactions"] = len(places)
+    _follow(logs, transactions, client.address, report)
+    return report
+
+
+def _follow(
+    logs: Sequence[LogEntry],
+    transactions: Mapping[tuple[int, int], tuple[str, str | None]],
+    address: str,
+    report: AuditReport,
+) -> list[Event]:
+    """Have the reference follow the contract's events."""
+
+    def sender_of(event: Event) -> str | None:
+        sender, to = transactions[event.block, event.transaction]
+        return sender if to in (address, None) else None
+
+    events = []
+    for entry in logs:
+        try:
+            events.append(contract().event(entry))
+        except ChainError as error:
+            report.differences.append(Difference(error.place, str(error.value), error.expected))
+    reference = ReferenceContract(sender_of)
+    reference.follow(events)
+    report.checked.update(reference.checked)
+    report.differences += reference.differences
+    return events
+
+
+def _deployments(blocks: Sequence[Block]) -> list[str]:
+    """Addresses where this version's contract was created, with this version's extension."""
+    codes = {address: code for block in blocks for address, code in block.writes.codes.items()}
+    deployed = contract().topic("Deployed")
+    return [
+        entry.address
+        for block in blocks
+        for receipt in block.receipts
+        for entry in receipt.logs
+        if entry.topics[:1] == (deployed,)
+        and contract().matches(codes.get(entry.address, b""))
+        and extension().matches(codes.get(contract().event(entry).args["extension"], b""))
+    ]
+
+
+def _check_links(chain: NodeChain, first: int, last: int, report: AuditReport) -> None:
+    """Every block from the contract's first on names the block before it."""
+    before = None
+    for header in chain.blocks(range(first, last + 1)):
+        if before is not None and header["parentHash"] != before["hash"]:
+            place = f"block {int(header['number'], 16)}: parent"
+            report.differences.append(Difference(place, header["parentHash"], f"{before['hash']}, the block before"))
+        before = header
+        report.checked["blocks"] += 1
+
+
+def _summary(path: Path, report: AuditReport) -> Mapping[str, Any] | None:
+    """The run's summary; None, and a difference, where it is damaged."""
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise RunFolderError(path, None, f"the summary of a run ({error.strerror})") from error
+    try:
+        tree = json.loads(text)
+    except ValueError as error:
+        report.differences.append(Difference(SUMMARY, f"not readable ({error})", "JSON"))
+        return None
+    if not isinstance(tree, dict):
+        report.differences.append(Difference(SUMMARY, "no object", "a JSON object"))
+        return None
+    return tree
+
+
+def _compare_summary(summary: Mapping[str, Any] | None, expected: Mapping[str, Any], report: AuditReport) -> None:
+    for key, value in expected.items() if summary is not None else ():
+        report.checked["summary entries"] += 1
+        if summary is not None and summary.get(key) != value:
+            report.differences.append(Difference(f"{SUMMARY}: {key}", str(summary.get(key)), str(value)))
+
+
+def _compare_events(path: Path, events: Sequence[Event], report: AuditReport) -> None:
+    """The run's table of events is the chain's."""
+    try:
+        table = pq.read_table(path, columns=["block", "tx", "log", "name", "args"], page_checksum_verification=True)
+        rows = table.to_pylist()
+    except (OSError, pa.ArrowException, ValueError) as error:
+        reason = " ".join(str(error).split())
+        report.differences.append(Difference(EVENTS, f"not readable ({reason})", "the chain's events"))
+        return
+    if len(rows) != len(events):
+        report.differences.append(Difference(f"{EVENTS}: rows", str(len(rows)), str(len(events))))
+    for number, (row, event) in enumerate(zip(rows, events, strict=False)):
+        report.checked["rows of the events table"] += 1
+        expected = {
+            "block": event.block,
+            "tx": event.transaction,
+            "log": event.index,
+            "name": event.name,
+            "args": json.dumps(event.args),
+        }
+        for column, value in expected.items():
+            if row[column] != value:
+                report.differences.append(Difference(f"{EVENTS}: row {number}, {column}", str(row[column]), str(value)))

@@ -1,0 +1,68 @@
+"""``skyrelay audit``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from skyrelay.cli.options import Json
+from skyrelay.core.errors import UsageError
+
+SHOWN = 50
+"""Differences printed for people; --json has all."""
+
+
+def command(
+    run_dir: Annotated[
+        Path | None, typer.Argument(help="A folder that `skyrelay run` has left.", show_default=False)
+    ] = None,
+    chain: Annotated[
+        list[str] | None,
+        typer.Option(metavar="URL", help="A node's JSON-RPC endpoint, in place of a folder.", show_default=False),
+    ] = None,
+    contract: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="The contract on that node.", show_default=False)
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Rebuild every selection from the chain alone and name what differs: skyrelay audit out/bologna.
+
+    Exit status: 0 all agree, 1 something differs, 2 there is nothing to audit.
+    """
+    from skyrelay.chain.accounts import Keyring
+    from skyrelay.chain.audit import audit_node, audit_run
+    from skyrelay.chain.node import NodeChain
+
+    def progress(stage: str) -> None:
+        typer.echo(f"{stage} ...", err=True)
+
+    if run_dir is not None and not chain and contract is None:
+        report = audit_run(run_dir, progress)
+    elif run_dir is None and chain and contract is not None:
+        report = audit_node(NodeChain(chain, Keyring.ephemeral()), contract, progress)
+    else:
+        raise UsageError("audit", None, "a run's folder, or --chain URL with --contract ADDRESS")
+
+    if as_json:
+        differences = [{"place": d.place, "found": d.found, "expected": d.expected} for d in report.differences]
+        result = {
+            "subject": report.subject,
+            "agrees": report.agrees,
+            "checked": dict(report.checked),
+            "differences": differences,
+        }
+        typer.echo(json.dumps(result, indent=2))
+        return 0 if report.agrees else 1
+    typer.echo(f"Checked of {report.subject}:")
+    width = max(map(len, report.checked), default=0)
+    for name, count in report.checked.items():
+        typer.echo(f"  {name:<{width}}  {count:,}")
+    for difference in report.differences[:SHOWN]:
+        typer.echo(f"DIFFERENT  {difference}")
+    if len(report.differences) > SHOWN:
+        typer.echo(f"... and {len(report.differences) - SHOWN:,} more (all with --json)")
+    typer.echo("All agree." if report.agrees else f"{len(report.differences):,} differences.")
+    return 0 if report.agrees else 1
