@@ -10,7 +10,7 @@ import typer
 from typer.exceptions import TyperException
 
 import skyrelay
-from skyrelay.cli import chain_devnet, models, report, run, scenario
+from skyrelay.cli import audit, chain_devnet, models, report, run, scenario
 from skyrelay.core.errors import SkyRelayError
 
 app = typer.Typer(
@@ -25,6 +25,7 @@ app = typer.Typer(
 app.command("run")(run.command)
 app.command("scenario")(scenario.command)
 app.command("report")(report.command)
+app.command("audit")(audit.command)
 app.add_typer(models.app, name="models")
 
 chain = typer.Typer(
