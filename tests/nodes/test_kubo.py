@@ -5,9 +5,16 @@ import json
 import secrets
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from skyrelay.chain.client import IovClient, Role, Settings, VehicleRecord
+from skyrelay.chain.embedded import EmbeddedChain
 from skyrelay.core.errors import StoreError
+from skyrelay.core.maps import CHANNELS
+from skyrelay.policy import Policy, builtin_policies
+from skyrelay.protocol.uav import UavAgent
+from skyrelay.simulation.consortium import chain_card
 from skyrelay.store.cid import CHUNK_BYTES, Cid, cid_of
 from skyrelay.store.fallback import FallbackStore
 from skyrelay.store.kubo import KuboStore
@@ -104,3 +111,29 @@ def test_an_address_of_another_layout_is_refused(swarm, tmp_path):
     other = swarm[0].run("add", "-Q", "--cid-version=1", "--chunker=size-100000", str(tmp_path / "model")).strip()
     with pytest.raises(StoreError, match="700000 bytes that hash to bafy"):
         KuboStore(swarm[0].url).verify(Cid.parse(other))
+
+
+def test_a_uav_that_knows_only_the_cid_from_the_chain_flies_the_published_policy(swarm, tmp_path):
+    policy = Policy.builtin(builtin_policies()[0])
+    with EmbeddedChain(tmp_path / "chain") as chain:
+        administrator, vehicle = chain.account("administrator"), chain.account("vehicle")
+        client = IovClient.deploy(chain, Settings(), administrator)
+        for role in (Role.COORDINATOR, Role.PUBLISHER):
+            client.execute([client.grant_role(administrator, role, administrator)])
+        published = KuboStore(swarm[0].url).put(policy.content)
+        client.execute([client.register_model(administrator, bytes(published), chain_card(policy.card))])
+
+        agent = UavAgent("u1", chain.account("u1"), 100.0, 9_000.0, KuboStore(swarm[1].url), Policy.load)
+        client.execute([agent.register(client, 0.0, 0.0, 90.0, 1)])
+        client.execute([client.register_vehicle(vehicle, VehicleRecord(10.0, 10.0, 500.0, 1))])
+        client.execute([client.submit_veh_selection(vehicle, agent.address, 1_000.0, 1)])
+        client.execute([client.allocate_zone(administrator, 1, 10)])
+        client.execute([client.determine_mdrl_model(administrator, 1)])
+        agent.learn(len(client.selections([agent.address])[agent.address]))
+
+        model = client.model_of_zone(1)
+        assert model is not None
+        flown = agent.equip(Cid.from_bytes(model.cid))
+    assert flown.content == policy.content
+    maps = np.zeros((1, CHANNELS, flown.n, flown.n), np.float32)
+    assert flown.decide(maps).shape == (1,)

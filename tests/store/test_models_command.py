@@ -5,6 +5,7 @@ import json
 import pytest
 from typer.testing import CliRunner
 
+from skyrelay.cli.main import main
 from skyrelay.cli.models import app
 from skyrelay.core.errors import StoreError, UsageError
 from skyrelay.store.cid import cid_of
@@ -72,3 +73,17 @@ def test_a_file_that_is_not_there_stops_all_before_anything_is_kept(folder):
     with pytest.raises(UsageError, match=r"models add absent\.onnx: expected a file that is there"):
         run("add", "policy.onnx", "absent.onnx")
     assert not (folder / "models").exists()
+
+
+def test_a_fault_is_one_line_and_status_2(folder, monkeypatch, capsys):
+    run("add", "policy.onnx")
+    path = folder / "models" / "blocks" / CID[-2:] / CID
+    path.write_bytes(MODEL[:-1])
+    monkeypatch.setattr("sys.argv", ["skyrelay", "models", "get", CID, "--out", "out.onnx"])
+    with pytest.raises(SystemExit) as stopped:
+        main()
+    assert stopped.value.code == 2
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 1
+    assert f"store models: block {CID}: is 'damaged (its 6999 bytes hash to bafkrei" in told[0]
+    assert not (folder / "out.onnx").exists()

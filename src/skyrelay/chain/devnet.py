@@ -142,7 +142,7 @@ class Devnet:
         binary = find_binary(consensus)
         keys = sorted((_Key.fresh() for _ in range(validators)), key=lambda key: key.address.lower())
         ports = _free_ports(3 * validators) if rpc_port is None else list(range(rpc_port, rpc_port + 3 * validators))
-        nodes = [Validator(i, key.address, key.public_key, *ports[i::validators][:3]) for i, key in enumerate(keys)]
+        nodes = [Validator(i, key.address, key.public_key, *ports[i::validators]) for i, key in enumerate(keys)]
         try:
             directory.parent.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(dir=directory.parent, prefix=f".{directory.name}-") as beside:
@@ -245,11 +245,12 @@ class Devnet:
         self._launch(self.validators[index])
         self.wait_for_blocks()
 
-    def wait_for_blocks(self, more: int = 1, timeout: float = _START_SECONDS) -> int:
+    def wait_for_blocks(self, more: int = 1) -> int:
         """Wait until every running validator is ``more`` blocks beyond the highest of now; return the lowest height.
 
-        Raises: ChainError: a validator ends, or the time [s] is over.
+        Raises: ChainError: a validator ends, or blocks take a minute longer than twice their period.
         """
+        timeout = _START_SECONDS + 2 * more * self.period
         end = time.monotonic() + timeout
         running = [self.validators[index] for index in sorted(self._processes)]
         goal: int | None = None
@@ -298,7 +299,7 @@ class Devnet:
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
-                env={**os.environ, "PRIVATE_CONFIG": "ignore"},  # GoQuorum: no private transactions
+                env=_environment(),
                 start_new_session=True,  # a Ctrl-C is ours to hand on
             )
         self._processes[node.index] = process
@@ -316,8 +317,8 @@ class Devnet:
 
     def _free_gas(self, home: Path) -> None:
         """go-ethereum takes no price of 0 from its configuration, but from its console."""
-        command = [self._binary, "attach", "--exec", "miner.setGasPrice(0)", str(home.resolve() / "geth.ipc")]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)  # noqa: S603
+        command = [self._binary, "attach", "--exec", "miner.setGasPrice(0)", "geth.ipc"]  # a long path would not do
+        done = subprocess.run(command, cwd=home, capture_output=True, text=True, timeout=30, check=False)  # noqa: S603
         if done.stdout.strip() != "true":
             raise ChainError(f"validator in {home}", done.stdout + done.stderr, "a node that lets gas be free")
 
@@ -456,6 +457,12 @@ def _write_secret(path: Path, text: str) -> None:
     """Write a file that has been readable by its owner alone from its first byte on."""
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
         file.write(text)
+
+
+def _environment() -> dict[str, str]:
+    """What a node may know of ours: not the passwords that may be in our environment."""
+    passed = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ}
+    return {**passed, "PRIVATE_CONFIG": "ignore"}  # GoQuorum: no private transactions
 
 
 def _free_ports(count: int) -> list[int]:
