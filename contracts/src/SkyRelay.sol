@@ -180,8 +180,8 @@ contract SkyRelay is SkyRelayStorage, AccessControl, ISkyRelay {
     function allocateZone(uint32 zone, uint256 maxProposals) external onlyRole(COORDINATOR_ROLE) returns (bool done) {
         Zone z = _zone(zone);
         if (maxProposals == 0) revert NoWork();
-        uint24[] storage list = _zoneUAVs[zone];
-        uint256 length = list.length;
+        uint24[MAX_ZONE_UAVS] storage list = _zoneUAVs[zone];
+        uint256 length = z.uavs();
         uint256 cursor = z.cursor();
         uint256 work = 0;
         for (; cursor < length; ++cursor) {
@@ -251,9 +251,8 @@ contract SkyRelay is SkyRelayStorage, AccessControl, ISkyRelay {
 
     /// @inheritdoc ISkyRelay
     function getZoneUAV(uint32 zone) external view returns (address[] memory uavs) {
-        _zone(zone);
-        uint24[] storage list = _zoneUAVs[zone];
-        uavs = new address[](list.length);
+        uavs = new address[](_zone(zone).uavs());
+        uint24[MAX_ZONE_UAVS] storage list = _zoneUAVs[zone];
         for (uint256 i = 0; i < uavs.length; ++i) {
             uavs[i] = _uavList[list[i]];
         }
@@ -401,20 +400,22 @@ contract SkyRelay is SkyRelayStorage, AccessControl, ISkyRelay {
 
     // Zones
 
-    /// @dev Put a UAV that is in no zone into one; 0 leaves it in none.
+    /// @dev Put a UAV that is in no zone's list into one; 0 leaves it in none.
     function _enter(Member u, uint32 zone) private returns (Member) {
-        uint256 length = 0;
+        uint256 place = 0;
         if (zone != 0) {
-            if (Zone.unwrap(_zones[zone]) == 0) {
-                _zones[zone] = ZoneLibrary.opened();
+            Zone z = _zones[zone];
+            if (Zone.unwrap(z) == 0) {
+                z = ZoneLibrary.opened();
                 emit ZoneOpened(zone);
             }
-            length = _zoneUAVs[zone].length;
-            _requireAtMost(length, type(uint16).max - 1);
-            _zoneUAVs[zone].push(uint24(u.index()));
+            place = z.uavs();
+            _requireAtMost(place, MAX_ZONE_UAVS - 1);
+            _zoneUAVs[zone][place] = uint24(u.index());
+            _zones[zone] = z.withOneMoreUAV();
         }
         emit UAVZoneUpdated(msg.sender, uint32(u.uavZone()), zone);
-        return u.withZone(zone, length);
+        return u.withZone(zone, place);
     }
 
     /// @dev Take a UAV off its zone's list. The last one fills the gap; during an allocation by way of the last
@@ -422,20 +423,20 @@ contract SkyRelay is SkyRelayStorage, AccessControl, ISkyRelay {
     function _leave(Member u) private {
         uint256 zone = u.uavZone();
         if (zone == 0) return;
-        uint24[] storage list = _zoneUAVs[zone];
+        Zone z = _zones[zone].withOneLessUAV();
+        uint24[MAX_ZONE_UAVS] storage list = _zoneUAVs[zone];
         uint256 gap = u.place();
-        uint256 cursor = _zones[zone].cursor();
-        if (gap < cursor) {
-            --cursor;
-            _zones[zone] = _zones[zone].withCursor(cursor);
-            _move(list, cursor, gap);
-            gap = cursor;
+        if (gap < z.cursor()) {
+            uint256 decided = z.cursor() - 1;
+            z = z.withCursor(decided);
+            _move(list, decided, gap);
+            gap = decided;
         }
-        _move(list, list.length - 1, gap);
-        list.pop();
+        _move(list, z.uavs(), gap);
+        _zones[zone] = z;
     }
 
-    function _move(uint24[] storage list, uint256 from, uint256 to) private {
+    function _move(uint24[MAX_ZONE_UAVS] storage list, uint256 from, uint256 to) private {
         if (from == to) return;
         uint24 index = list[from];
         list[to] = index;

@@ -113,7 +113,7 @@ contract SkyRelayExtension is SkyRelayStorage, ISkyRelayExtension {
     /// @inheritdoc ISkyRelayExtension
     function getSelectedUAVs(uint32 zone) external view returns (address[] memory uavs) {
         Zone z = _zone(zone);
-        uint24[] storage list = _zoneUAVs[zone];
+        uint24[MAX_ZONE_UAVS] storage list = _zoneUAVs[zone];
         uavs = new address[](z.selectedUAVs());
         uint256 found = 0;
         for (uint256 i = 0; found < uavs.length; ++i) {
@@ -129,7 +129,7 @@ contract SkyRelayExtension is SkyRelayStorage, ISkyRelayExtension {
             period: uint32(z.period()),
             round: uint32(z.round()),
             allocating: z.allocating(),
-            uavs: uint32(_zoneUAVs[zone].length),
+            uavs: uint32(z.uavs()),
             selectedUAVs: uint32(z.selectedUAVs()),
             selectedVehicles: uint32(z.selectedVehicles()),
             modelId: z.hasModel() ? _zoneModels[zone] : bytes32(0)

@@ -15,6 +15,8 @@ abstract contract SkyRelayStorage is ISkyRelayTypes {
 
     /// @dev Proposals that one UAV takes in one session: what bounds the gas of one UAV's allocation.
     uint256 internal constant MAX_PROPOSALS = 1024;
+    /// @dev UAVs in one zone's list.
+    uint256 internal constant MAX_ZONE_UAVS = 65_535;
     /// @dev Models in use: what bounds the gas of `determineMDRLModel`.
     uint256 internal constant MAX_MODELS = 64;
     /// @dev Battery and reputation of 100.
@@ -51,7 +53,8 @@ abstract contract SkyRelayStorage is ISkyRelayTypes {
     mapping(uint256 uavIndex => Session session) internal _sessions;
     mapping(uint256 uavIndex => Lists[2] lists) internal _lists;
     mapping(uint256 zone => Zone state) internal _zones;
-    mapping(uint256 zone => uint24[] uavIndices) internal _zoneUAVs;
+    /// @dev How many there are stands in the zone; what is beyond is left over, never cleared.
+    mapping(uint256 zone => uint24[MAX_ZONE_UAVS] uavIndices) internal _zoneUAVs;
     mapping(uint256 zone => bytes32 modelId) internal _zoneModels;
     mapping(bytes32 modelId => Model model) internal _models;
 

@@ -59,9 +59,9 @@ abstract contract Fixture is Test, ISkyRelayTypes {
         relay.registerVehicle(int32(int256(i)), 0, payment, zone);
     }
 
-    function submit(address member, address to, uint32 demand, uint32 round) internal {
+    function submit(address member, address to, uint32 demand, uint32 inRound) internal {
         vm.prank(member);
-        relay.submitVehSelection(to, demand, round);
+        relay.submitVehSelection(to, demand, inRound);
     }
 
     function allocate(uint32 zone) internal {

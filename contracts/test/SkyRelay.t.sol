@@ -71,7 +71,7 @@ contract SkyRelayTest is Fixture {
         alone.registerModel(CID, card(1, 3, 0));
         vm.expectRevert();
         alone.setReputations(new address[](0), new uint16[](0));
-        vm.expectRevert(RatingsOff.selector);
+        vm.expectRevert(abi.encodeWithSelector(UnknownVehicle.selector, address(this)));
         alone.rateUAV(address(1), true);
     }
 

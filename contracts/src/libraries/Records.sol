@@ -19,8 +19,8 @@ type Session is uint256;
 /// @dev demand 0:32, score 32:64, vehicle 96:160. 0 is withdrawn.
 type Proposal is uint256;
 
-/// @dev period 0:32, round 32:32, cursor 64:16, UAVs with a selection 80:16, selected vehicles 96:32, allocating
-/// 128:1, has a model 129:1. 0 is unknown.
+/// @dev period 0:32, round 32:32, UAVs 64:16, cursor of an allocation 80:16, UAVs with a selection 96:16, selected
+/// vehicles 112:32, allocating 144:1, has a model 145:1. 0 is unknown.
 type Zone is uint256;
 
 using MemberLibrary for Member global;
@@ -217,8 +217,8 @@ library ProposalLibrary {
 }
 
 library ZoneLibrary {
-    uint256 private constant ALLOCATING = 1 << 128;
-    uint256 private constant MODEL = 1 << 129;
+    uint256 private constant ALLOCATING = 1 << 144;
+    uint256 private constant MODEL = 1 << 145;
 
     /// @dev A zone in its first round of its first period.
     function opened() internal pure returns (Zone) {
@@ -238,16 +238,33 @@ library ZoneLibrary {
         return uint32(Zone.unwrap(z) >> 32);
     }
 
-    function cursor(Zone z) internal pure returns (uint256) {
+    /// @dev UAVs in the zone's list.
+    function uavs(Zone z) internal pure returns (uint256) {
         return uint16(Zone.unwrap(z) >> 64);
     }
 
-    function selectedUAVs(Zone z) internal pure returns (uint256) {
+    function withOneMoreUAV(Zone z) internal pure returns (Zone) {
+        unchecked {
+            return Zone.wrap(Zone.unwrap(z) + (1 << 64));
+        }
+    }
+
+    function withOneLessUAV(Zone z) internal pure returns (Zone) {
+        unchecked {
+            return Zone.wrap(Zone.unwrap(z) - (1 << 64));
+        }
+    }
+
+    function cursor(Zone z) internal pure returns (uint256) {
         return uint16(Zone.unwrap(z) >> 80);
     }
 
+    function selectedUAVs(Zone z) internal pure returns (uint256) {
+        return uint16(Zone.unwrap(z) >> 96);
+    }
+
     function selectedVehicles(Zone z) internal pure returns (uint256) {
-        return uint32(Zone.unwrap(z) >> 96);
+        return uint32(Zone.unwrap(z) >> 112);
     }
 
     function allocating(Zone z) internal pure returns (bool) {
@@ -265,15 +282,15 @@ library ZoneLibrary {
     /// @dev One UAV's number of selected vehicles changes.
     function withSelection(Zone z, uint256 before, uint256 after_) internal pure returns (Zone) {
         unchecked {
-            uint256 word = Zone.unwrap(z) + (after_ << 96) - (before << 96);
-            if (before != 0) word -= 1 << 80;
-            if (after_ != 0) word += 1 << 80;
+            uint256 word = Zone.unwrap(z) + (after_ << 112) - (before << 112);
+            if (before != 0) word -= 1 << 96;
+            if (after_ != 0) word += 1 << 96;
             return Zone.wrap(word);
         }
     }
 
     function withCursor(Zone z, uint256 cursor_) internal pure returns (Zone) {
-        return Zone.wrap(Zone.unwrap(z) & ~(uint256(0xffff) << 64) | cursor_ << 64);
+        return Zone.wrap(Zone.unwrap(z) & ~(uint256(0xffff) << 80) | cursor_ << 80);
     }
 
     /// @dev Between two pieces of an allocation.
@@ -286,8 +303,8 @@ library ZoneLibrary {
         return Zone.wrap((Zone.unwrap(z.withCursor(0)) & ~ALLOCATING) + (1 << 32));
     }
 
-    /// @dev The next period: nothing is selected.
+    /// @dev The next period: only the list of UAVs stays.
     function nextPeriod(Zone z) internal pure returns (Zone) {
-        return Zone.wrap(uint64(Zone.unwrap(z) + (1 << 32) + 1));
+        return Zone.wrap(uint80(Zone.unwrap(z) + (1 << 32) + 1));
     }
 }

@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity 0.8.26;
+
+import {Fixture} from "./Fixture.sol";
+
+/// @notice Members, a coordinator and strangers who do what they like, in any order.
+contract Handler is Fixture {
+    uint256 internal constant UAVS = 5;
+    uint256 internal constant VEHICLES = 14;
+    uint32 internal constant ZONES = 3;
+
+    /// @dev A record as its owner left it, or 0.
+    mapping(address member => bytes32 record) public expected;
+    /// @dev What should have reverted and did not. (A check inside an action would only revert that action.)
+    string public violation;
+    uint256 public submitted;
+    uint256 public allocated;
+
+    constructor() {
+        deploy();
+        for (uint256 i = 0; i < UAVS; ++i) {
+            addUAV(i, uint32(1_000 + 1_500 * i), uint32(1 + i % ZONES));
+            remember(uav(i));
+        }
+        for (uint256 i = 0; i < VEHICLES; ++i) {
+            addVehicle(i, uint32(50 * i), uint32(1 + i % ZONES));
+            remember(vehicle(i));
+        }
+    }
+
+    function zoneOf(uint256 seed) private pure returns (uint32) {
+        return uint32(1 + seed % ZONES);
+    }
+
+    function record(address member) public view returns (bytes32) {
+        if (uint160(member) < 0x100000) {
+            UAVInfo memory u = relay.getUAVInfo(member);
+            return keccak256(abi.encode(u.x, u.y, u.altitude, u.battery, u.bandwidth, u.zone));
+        }
+        VehicleInfo memory v = more.getVehicleInfo(member);
+        return keccak256(abi.encode(v.x, v.y, v.payment, v.zone));
+    }
+
+    function remember(address member) private {
+        expected[member] = record(member);
+    }
+
+    function propose(uint256 v, uint256 u, uint256 demand, uint256 lateness) public {
+        address to = uav(u % UAVS);
+        uint32 zone = relay.getUAVInfo(to).zone;
+        if (zone == 0) return;
+        uint32 current = round(zone);
+        uint32 given = lateness % 8 == 0 ? current - 1 : lateness % 8 == 1 ? current + 1 : current;
+        vm.prank(vehicle(v % VEHICLES));
+        relay.submitVehSelection(to, uint32(bound(demand, 1, 4_000)), given);
+        if (given != current) violation = "a proposal for another round was taken";
+        ++submitted;
+    }
+
+    function proposeInOwnZone(uint256 v, uint256 pick, uint256 demand) public {
+        uint32 zone = more.getVehicleInfo(vehicle(v % VEHICLES)).zone;
+        if (zone == 0) return;
+        address[] memory uavs = relay.getZoneUAV(zone);
+        if (uavs.length == 0) return;
+        vm.prank(vehicle(v % VEHICLES));
+        relay.submitVehSelection(uavs[pick % uavs.length], uint32(bound(demand, 1, 4_000)), round(zone));
+        ++submitted;
+    }
+
+    function allocate(uint256 zone, uint256 pieces) public {
+        relay.allocateZone(zoneOf(zone), bound(pieces, 1, 12));
+        ++allocated;
+    }
+
+    function reset(uint256 zone) public {
+        relay.resetListsForZone(zoneOf(zone));
+    }
+
+    function moveVehicle(uint256 v, int16 x, int16 y, uint256 zone) public {
+        vm.prank(vehicle(v % VEHICLES));
+        relay.updateVehicleInfo(x, y, uint32(zone % 701), uint32(zone % (ZONES + 1)));
+        remember(vehicle(v % VEHICLES));
+    }
+
+    function updateUAV(uint256 u, int16 x, uint256 battery, uint256 bandwidth) public {
+        vm.prank(uav(u % UAVS));
+        relay.updateUAVInfo(x, 0, 50, uint16(battery % 5 == 0 ? 0 : battery % 10_001), uint32(bandwidth % 8_000));
+        remember(uav(u % UAVS));
+    }
+
+    function moveUAV(uint256 u, uint256 zone) public {
+        vm.prank(uav(u % UAVS));
+        relay.updateUAVZone(uav(u % UAVS), uint32(zone % (ZONES + 1)));
+        remember(uav(u % UAVS));
+    }
+
+    function resetUAV(uint256 u, bool byItself) public {
+        if (byItself) vm.prank(uav(u % UAVS));
+        relay.resetUAVSubmission(uav(u % UAVS));
+    }
+
+    function rate(uint256 v, uint256 u, uint16 index, bool good, bool byVehicle) public {
+        if (byVehicle) {
+            vm.prank(vehicle(v % VEHICLES));
+            more.rateUAV(uav(u % UAVS), good);
+        } else {
+            vm.prank(uav(u % UAVS));
+            more.rateVehicle(vehicle(v % VEHICLES), index % 6, good);
+        }
+    }
+
+    function attack(address stranger, uint256 u, uint32 zone) public {
+        if (stranger == address(this) || stranger == uav(u % UAVS)) return;
+        vm.prank(stranger);
+        relay.updateUAVZone(uav(u % UAVS), zone);
+        violation = "a stranger moved a UAV";
+    }
+
+    // What must hold after anything
+
+    function checkAll() public view {
+        check(bytes(violation).length == 0, violation);
+        uint256[VEHICLES] memory served;
+        uint256 selectedInAll;
+        for (uint32 zone = 1; zone <= ZONES; ++zone) {
+            ZoneInfo memory z = more.getZoneInfo(zone);
+            address[] memory uavs = relay.getZoneUAV(zone);
+            uint256 vehicles;
+            uint256 selecting;
+            for (uint256 i = 0; i < uavs.length; ++i) {
+                UAVInfo memory u = relay.getUAVInfo(uavs[i]);
+                equal(u.zone, zone, "a zone's list holds a UAV of another zone");
+                uint256 promised;
+                uint256 held;
+                VehicleSelection[] memory proposals = more.getProposals(uavs[i]);
+                for (uint256 k = 0; k < proposals.length; ++k) {
+                    VehicleSelection memory p = proposals[k];
+                    if (p.vehicle == address(0)) continue;
+                    if (p.status == ProposalStatus.Rejected) continue;
+                    // Open and selected proposals are their vehicle's own, and its only one.
+                    (ProposalStatus known, address to, uint16 index) = more.getVehicleSelection(p.vehicle);
+                    check(known == p.status && to == uavs[i] && index == k, "a dangling entry");
+                    equal(more.getVehicleInfo(p.vehicle).zone, zone, "a vehicle of another zone");
+                    if (p.status == ProposalStatus.Selected) {
+                        promised += p.demand;
+                        ++held;
+                        ++served[uint160(p.vehicle) - 0x100000];
+                    }
+                }
+                check(promised <= u.bandwidth, "a UAV promised more than its bandwidth");
+                equal(u.available, u.bandwidth - promised, "available bandwidth");
+                vehicles += held;
+                if (held != 0) ++selecting;
+            }
+            equal(z.selectedVehicles, vehicles, "selected vehicles of a zone");
+            equal(z.selectedUAVs, selecting, "selecting UAVs of a zone");
+            equal(more.getSelectedUAVs(zone).length, selecting, "list of selecting UAVs");
+            selectedInAll += vehicles;
+        }
+        uint256 selected;
+        for (uint256 i = 0; i < VEHICLES; ++i) {
+            check(served[i] <= 1, "a vehicle is served twice");
+            if (status(vehicle(i)) == ProposalStatus.Selected) ++selected;
+            check(record(vehicle(i)) == expected[vehicle(i)], "a vehicle's record was written by another");
+        }
+        equal(selected, selectedInAll, "selected vehicles");
+        for (uint256 i = 0; i < UAVS; ++i) {
+            check(record(uav(i)) == expected[uav(i)], "a UAV's record was written by another");
+        }
+    }
+
+    /// @dev Every zone can be brought to the end of its round, whatever happened, in pieces of any size.
+    function finishAll() public {
+        for (uint32 zone = 1; zone <= ZONES; ++zone) {
+            for (uint256 pieces = 0; !relay.allocateZone(zone, 1); ++pieces) {
+                check(pieces <= UAVS, "an allocation does not end");
+            }
+            relay.resetListsForZone(zone);
+            equal(more.getZoneInfo(zone).selectedVehicles, 0, "reset");
+        }
+    }
+}
+
+contract InvariantTest {
+    Handler private handler;
+
+    function setUp() public {
+        handler = new Handler();
+    }
+
+    function targetContracts() public view returns (address[] memory targets) {
+        targets = new address[](1);
+        targets[0] = address(handler);
+    }
+
+    function invariant_selectionsRecordsAndCountsAgree() public view {
+        handler.checkAll();
+    }
+
+    function afterInvariant() public {
+        handler.finishAll();
+        handler.checkAll();
+    }
+}
