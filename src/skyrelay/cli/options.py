@@ -8,12 +8,30 @@ from typing import Annotated, Any
 
 import typer
 
+from skyrelay.core.errors import UsageError
+
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output.")]
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Replaces the scenario's seed.", show_default=False)]
 Override = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Replaces a key of the scenario, e.g. --set fleet.uavs=20."),
 ]
+
+
+def span(option: str, text: str, largest: int) -> tuple[int, int]:
+    """Two numbers from ``"3"`` or ``"2-5"``.
+
+    Raises:
+        UsageError: it is neither, or not between 1 and ``largest``.
+    """
+    low, dash, high = text.partition("-")
+    try:
+        bounds = int(low), int(high) if dash else int(low)
+    except ValueError:
+        bounds = (0, 0)
+    if not 1 <= bounds[0] <= bounds[1] <= largest:
+        raise UsageError(option, text, f"a number from 1 to {largest}, or a range such as 2-5")
+    return bounds
 
 
 def print_result(result: Mapping[str, Any], as_json: bool) -> None:

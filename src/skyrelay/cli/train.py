@@ -1,0 +1,85 @@
+"""``skyrelay train``: learn a policy and export it as ONNX."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from skyrelay.cli.options import Json, print_result, span
+from skyrelay.core.errors import UsageError
+
+
+def command(
+    out: Annotated[Path, typer.Option("--out", help="Folder for the policy, curves and checkpoint.")],
+    preset: Annotated[
+        str, typer.Option("--preset", help="fast (a CPU is enough) or paper (its network and table).")
+    ] = "fast",
+    uavs: Annotated[str, typer.Option("--uavs", help="Team size, or a range: 2-5.")] = "3",
+    vehicles: Annotated[str, typer.Option("--vehicles", help="Number of vehicles, or a range: 5-20.")] = "20",
+    games: Annotated[
+        str, typer.Option("--games", help="paper (one scale) or varied (many scales, speeds and kinds of traffic).")
+    ] = "paper",
+    steps: Annotated[
+        int | None, typer.Option("--steps", min=1, help="Steps of a team; left out: the preset's.", show_default=False)
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1)] = 0,
+    name: Annotated[str | None, typer.Option("--name", help="Of the policy, in its card.", show_default=False)] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the folder's checkpoint.")] = False,
+    tensorboard: Annotated[bool, typer.Option("--tensorboard", help="Also write TensorBoard event files.")] = False,
+    as_json: Json = False,
+) -> int:
+    """Train a policy by PPO; Ctrl-C leaves a checkpoint that --resume goes on from."""
+    for option, value, choices in (("--preset", preset, ("fast", "paper")), ("--games", games, ("paper", "varied"))):
+        if value not in choices:
+            raise UsageError(option, value, "one of: " + ", ".join(choices))
+    team, traffic = span("--uavs", uavs, 16), span("--vehicles", vehicles, 255)
+
+    from skyrelay.cli.training_progress import TrainingProgress
+    from skyrelay.learning.presets import training
+    from skyrelay.learning.training import train
+
+    config = training(preset, team, traffic, steps=steps, seed=seed, games=games)  # type: ignore[arg-type]
+    line = shlex.join(["skyrelay", "train", *_arguments(sys.argv)])
+    with TrainingProgress() as progress:
+        result = train(config, out, resume=resume, report=progress, name=name, command=line, tensorboard=tensorboard)
+    print_result(_outcome(result, out), as_json)
+    if not result.finished:
+        typer.echo(f"skyrelay: interrupted; go on with --resume --out {out}", err=True)
+        return 130
+    return 0
+
+
+def _arguments(argv: list[str]) -> list[str]:
+    """What was typed after ``train``, without what belongs to this machine alone."""
+    typed = iter(argv[argv.index("train") + 1 :] if "train" in argv else [])
+    kept = []
+    for word in typed:
+        if word == "--out":
+            kept += [word, Path(next(typed, "")).name]
+        elif word.startswith("--out="):
+            kept.append("--out=" + Path(word.removeprefix("--out=")).name)
+        elif word not in ("--json", "--resume", "--tensorboard"):
+            kept.append(word)
+    return kept
+
+
+def _outcome(result: Any, out: Path) -> dict[str, Any]:
+    last = result.curves[-1] if result.curves else {}
+    outcome: dict[str, Any] = {
+        "finished": result.finished,
+        "policy": str(result.policy) if result.policy else None,
+        "folder": str(out),
+        "steps": int(last.get("steps", 0)),
+        "training_seconds": result.seconds,
+        "compile_seconds": result.compile_seconds,
+        "actor_parameters": result.actor.architecture.parameters,
+    }
+    for entry in result.evaluation[:1]:
+        for measure in ("episode_return", "coverage", "connectivity", "connectivity_neighbor"):
+            interval = getattr(entry, measure)
+            outcome[measure.removeprefix("episode_")] = interval.model_dump()
+    return outcome

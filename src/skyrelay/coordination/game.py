@@ -1,0 +1,201 @@
+"""The Markov game of Section "MDRL Approach for UAV Coordination": reset, step.
+
+N UAVs keep their own vehicles in range and the team linked, in a square zone of side 1. Both functions are pure and
+play one game; `jax.vmap` plays many. Sizes are compiled in (`Shape`); everything else about a game is an array in its
+state (`Parameters`), so that one compiled program plays mixed games.
+
+    shape, domain = Shape(uavs=3, vehicles=20), physical((3, 3), (20, 20))
+    state = reset(key, shape, domain.draw(key))
+    state, transition = step(state, actions)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
+
+from skyrelay.coordination import dynamics
+from skyrelay.coordination.dynamics import Traffic
+from skyrelay.coordination.observation import observe as observe_maps
+from skyrelay.coordination.reward import Score, score
+from skyrelay.coordination.settings import Parameters, Shape
+
+_DRAWS = 9
+"""Uniform numbers that a new vehicle takes. They come from one call: each call of the generator costs compile time."""
+
+
+class Trace(NamedTuple):
+    """Vehicle positions from outside ("replay").
+
+    Attributes:
+        position: at each step [zone sides]; what stands there while a vehicle is absent does not matter.
+        present: whether each vehicle is there.
+    """
+
+    position: Float[Array, "steps+1 vehicles 2"]
+    present: Bool[Array, "steps+1 vehicles"]
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["parameters", "uavs", "active", "traffic", "owner", "present", "time", "key"],
+    meta_fields=["shape"],
+)
+@dataclass(frozen=True)
+class State:
+    """One game between two steps.
+
+    Attributes:
+        shape: compiled sizes.
+        parameters: the game's numbers.
+        uavs: [N, 2] positions [zone sides].
+        active: [N] false for a row that holds no UAV.
+        traffic: the vehicles.
+        owner: [V] row of the UAV that serves each vehicle, also while it is absent.
+        present: [V] whether the vehicle is there.
+        time: steps played.
+        key: of this game's randomness.
+    """
+
+    shape: Shape
+    parameters: Parameters
+    uavs: Float[Array, "uavs 2"]
+    active: Bool[Array, " uavs"]
+    traffic: Traffic
+    owner: Int[Array, " vehicles"]
+    present: Bool[Array, " vehicles"]
+    time: Int[Array, ""]
+    key: PRNGKeyArray
+
+    @property
+    def served_by(self) -> Int[Array, " vehicles"]:
+        """[V] row of each vehicle's UAV; -1 for a vehicle that is not there."""
+        return jnp.where(self.present, self.owner, -1)
+
+
+class Transition(NamedTuple):
+    """What a step returns.
+
+    Attributes:
+        observation: [N, 6, n, n] levels of the new state.
+        score: reward and measures of the new state.
+        truncated: the time limit is reached. The game never ends otherwise: bootstrap through it.
+    """
+
+    observation: UInt8[Array, "uavs 6 n n"]
+    score: Score
+    truncated: Bool[Array, ""]
+
+
+def reset(key: PRNGKeyArray, shape: Shape, parameters: Parameters, trace: Trace | None = None) -> State:
+    """Begin a game: UAVs anywhere, each vehicle uniformly within the range of its own UAV.
+
+    So every UAV covers its vehicles at the start, and the team need not be connected. With probability ``astray`` a
+    vehicle starts anywhere in the zone instead. In a replay the trace says where vehicles are; each is given to a UAV
+    in whose range it first appears, or else to the nearest.
+    """
+    k_uavs, k_vehicles, key = jax.random.split(key, 3)
+    active = jnp.arange(shape.uavs) < parameters.uavs
+    uavs = jax.random.uniform(k_uavs, (shape.uavs, 2))
+    draws = jax.random.uniform(k_vehicles, (shape.vehicles, _DRAWS))
+    owner, traffic = _appear(draws, uavs, parameters)
+    present = jnp.arange(shape.vehicles) < parameters.vehicles
+    if trace is not None:
+        traffic, present = traffic._replace(position=trace.position[0]), trace.present[0]
+        owner = _owners(draws, uavs, active, _first_positions(trace), parameters.reach)
+    return State(shape, parameters, uavs, active, traffic, owner, present, jnp.int32(0), key)
+
+
+def step(state: State, actions: Int[Array, " uavs"], trace: Trace | None = None) -> tuple[State, Transition]:
+    """All UAVs move, then all vehicles; the reward is of the state that results.
+
+    Args:
+        actions: 0 stays, k in 1..8 flies ``uav_step`` towards 2 pi k / 8; a move ends at the zone's border.
+        trace: the vehicles of a replay (the same at every step); None for the synthetic models.
+    """
+    moved = dynamics.move(state.uavs, actions, state.parameters.uav_step)
+    uavs = jnp.where(state.active[:, None], moved, state.uavs)
+    time = state.time + 1
+    if trace is not None:
+        traffic, owner = state.traffic._replace(position=trace.position[time]), state.owner
+        present = trace.present[time]
+    else:
+        traffic, owner = _drive(state)
+        present = state.present
+    state = State(state.shape, state.parameters, uavs, state.active, traffic, owner, present, time, state.key)
+    return state, Transition(observe(state), measure(state), time >= state.shape.steps)
+
+
+def observe(state: State) -> UInt8[Array, "uavs 6 n n"]:
+    """The six maps of every UAV, as levels (see `skyrelay.coordination.observation`)."""
+    shape = state.shape
+    position, reach = state.traffic.position, state.parameters.reach
+    return observe_maps(state.uavs, state.active, position, state.served_by, reach, shape.n, shape.zoom)
+
+
+def measure(state: State) -> Score:
+    """Reward, coverage and connectivity of a state."""
+    return score(state.uavs, state.active, state.traffic.position, state.served_by, state.parameters.reach)
+
+
+def _drive(state: State) -> tuple[Traffic, Int[Array, " vehicles"]]:
+    """Move the vehicles of the synthetic models; in mixed games some leave, and others appear in their rows."""
+    shape, parameters, traffic = state.shape, state.parameters, state.traffic
+    key = jax.random.fold_in(state.key, state.time)
+    if shape.mobility == "manhattan":
+        turn_draw, halt_draw = dynamics.fractions(jax.random.bits(key, (shape.vehicles,)))
+        halted = dynamics.halting(halt_draw, traffic.halted, parameters.halt, parameters.go)
+        return dynamics.manhattan(turn_draw, traffic, parameters.turn, halted), state.owner
+
+    draws = jax.random.uniform(key, (shape.vehicles, 5 + _DRAWS))
+    halted = dynamics.halting(draws[:, 0], traffic.halted, parameters.halt, parameters.go)
+    waypoint = dynamics.random_waypoint(draws[:, 1:3], traffic, halted)
+    if shape.mobility == "random-waypoint":
+        return waypoint, state.owner
+    grid = dynamics.manhattan(draws[:, 3], traffic, parameters.turn, halted)
+    traffic = jax.tree.map(partial(jnp.where, parameters.waypoint), waypoint, grid)
+    leaves = draws[:, 4] < parameters.swap
+    owner, fresh = _appear(draws[:, 5:], state.uavs, parameters)
+    return jnp.where(leaves, owner, state.owner), jax.tree.map(partial(_where, leaves), fresh, traffic)
+
+
+def _appear(
+    draws: Float[Array, "vehicles draws"], uavs: Float[Array, "uavs 2"], parameters: Parameters
+) -> tuple[Int[Array, " vehicles"], Traffic]:
+    """New vehicles, each with an owner, in its range (uniform in the disc, mirrored at the border) or astray."""
+    owner = jnp.minimum((draws[:, 0] * parameters.uavs).astype(jnp.int32), parameters.uavs - 1)
+    radius, angle = parameters.reach * jnp.sqrt(draws[:, 1]), 2.0 * jnp.pi * draws[:, 2]
+    near = uavs[owner] + radius[:, None] * jnp.stack([jnp.cos(angle), jnp.sin(angle)], -1)
+    near = dynamics.mirrored(near)
+    # In the long run this share of vehicles stands.
+    standing = parameters.halt / jnp.maximum(parameters.halt + parameters.go, 1e-6)
+    return owner, Traffic(
+        position=jnp.where((draws[:, 3] < parameters.astray)[:, None], draws[:, 1:3], near),
+        heading=(draws[:, 4] * 4).astype(jnp.int32),
+        target=draws[:, 5:7],
+        stride=parameters.slowest + (parameters.fastest - parameters.slowest) * draws[:, 7],
+        halted=draws[:, 8] < standing,
+    )
+
+
+def _first_positions(trace: Trace) -> Float[Array, "vehicles 2"]:
+    """Where each vehicle of a trace appears first."""
+    first = jnp.argmax(trace.present, axis=0)
+    return jnp.take_along_axis(trace.position, first[None, :, None], axis=0)[0]
+
+
+def _owners(draws: Array, uavs: Array, active: Array, position: Array, reach: Array) -> Int[Array, " vehicles"]:
+    """For each vehicle one of the UAVs in range at random, or else the nearest."""
+    distance = jnp.sqrt(jnp.sum((position[:, None] - uavs[None]) ** 2, -1))
+    order = (jnp.arange(uavs.shape[0]) + (draws[:, :1] * uavs.shape[0]).astype(jnp.int32)) % uavs.shape[0]
+    lottery = jnp.where(distance <= reach, order / uavs.shape[0], 1.0 + distance)
+    return jnp.argmin(jnp.where(active[None], lottery, jnp.inf), axis=1)
+
+
+def _where(mask: Bool[Array, " vehicles"], yes: Array, no: Array) -> Array:
+    return jnp.where(mask.reshape(mask.shape + (1,) * (yes.ndim - 1)), yes, no)

@@ -1,0 +1,184 @@
+"""What a game is played with: the compiled shape, and the numbers that may differ from game to game."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from skyrelay.core.errors import UsageError
+
+MobilityModel = Literal["manhattan", "random-waypoint", "mixed", "replay"]
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What is fixed when the game is compiled.
+
+    Attributes:
+        uavs, vehicles: rows for the largest team and the most vehicles; smaller games leave rows empty.
+        n: side of the six maps [cells], odd.
+        zoom: the full maps have zoom x n cells a side.
+        steps: length of an episode.
+        mobility: how vehicles move; "mixed" lets each game choose, "replay" takes positions from a trace.
+
+    Raises:
+        UsageError: a number is out of its range.
+    """
+
+    uavs: int
+    vehicles: int
+    n: int = 11
+    zoom: int = 2
+    steps: int = 100
+    mobility: MobilityModel = "manhattan"
+
+    def __post_init__(self) -> None:
+        for name, low, high in (("uavs", 1, 16), ("vehicles", 1, 255), ("steps", 1, 100_000), ("zoom", 2, 3)):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise UsageError(f"game.{name}", value, f"a number from {low} to {high}")
+        if self.n % 2 == 0 or not 3 <= self.n <= 63:
+            raise UsageError("game.n", self.n, "an odd number from 3 to 63")
+
+
+class Parameters(NamedTuple):
+    """The numbers of one game. Lengths are in zone sides, probabilities are per vehicle and step.
+
+    Attributes:
+        uavs, vehicles: how many there are.
+        reach: range of both links.
+        uav_step: length of a UAV's move.
+        slowest, fastest: between which each vehicle's drive in a step is drawn.
+        turn: a vehicle turns (Manhattan).
+        halt, go: a moving vehicle halts, a standing one drives on (traffic lights).
+        swap: a vehicle leaves, and another appears in its place in the table, elsewhere.
+        astray: a vehicle starts anywhere in the zone, not within its UAV's range.
+        waypoint: vehicles follow the random-waypoint model ("mixed" games).
+    """
+
+    uavs: Int[Array, ""]
+    vehicles: Int[Array, ""]
+    reach: Float[Array, ""]
+    uav_step: Float[Array, ""]
+    slowest: Float[Array, ""]
+    fastest: Float[Array, ""]
+    turn: Float[Array, ""]
+    halt: Float[Array, ""]
+    go: Float[Array, ""]
+    swap: Float[Array, ""]
+    astray: Float[Array, ""]
+    waypoint: Bool[Array, ""]
+
+
+@dataclass(frozen=True)
+class Domain:
+    """The games that parameters are drawn from, each uniform between two bounds (domain randomisation).
+
+    Attributes:
+        uavs, vehicles: team sizes and vehicle counts, inclusive.
+        ratio: zone side over range.
+        uav_step: length of a UAV's move [zone sides]; drawn log-uniformly.
+        speed_ratio: the fastest vehicle's speed over the UAV's.
+        slow_share: the slowest vehicle's speed over the fastest's.
+        turn, halt, go, swap, astray: as in `Parameters`.
+        waypoint: share of games with the random-waypoint model, in "mixed" games.
+    """
+
+    uavs: tuple[int, int]
+    vehicles: tuple[int, int]
+    ratio: Interval = (2.0, 2.0)
+    uav_step: Interval = (0.05, 0.05)
+    speed_ratio: Interval = (0.5, 0.5)
+    slow_share: float = 0.3
+    turn: Interval = (0.5, 0.5)
+    halt: Interval = (0.0, 0.0)
+    go: Interval = (1.0, 1.0)
+    swap: Interval = (0.0, 0.0)
+    astray: Interval = (0.0, 0.0)
+    waypoint: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("uavs", "vehicles"):
+            low, high = getattr(self, name)
+            if not 1 <= low <= high:
+                raise UsageError(f"game.{name}", f"{low}-{high}", "at least 1, the smaller number first")
+
+    def draw(self, key: PRNGKeyArray) -> Parameters:
+        """The parameters of one game."""
+        draws = iter(jax.random.uniform(key, (11,)))
+
+        def between(bounds: Interval) -> Array:
+            return bounds[0] + (bounds[1] - bounds[0]) * next(draws)
+
+        def count(bounds: tuple[int, int]) -> Array:
+            return jnp.minimum(bounds[0] + ((bounds[1] - bounds[0] + 1) * next(draws)).astype(jnp.int32), bounds[1])
+
+        low, high = self.uav_step
+        uav_step = low * (high / low) ** between((0.0, 1.0))
+        fastest = uav_step * between(self.speed_ratio)
+        return Parameters(
+            uavs=count(self.uavs),
+            vehicles=count(self.vehicles),
+            reach=1.0 / between(self.ratio),
+            uav_step=uav_step,
+            slowest=fastest * self.slow_share,
+            fastest=fastest,
+            turn=between(self.turn),
+            halt=between(self.halt),
+            go=between(self.go),
+            swap=between(self.swap),
+            astray=between(self.astray),
+            waypoint=next(draws) < self.waypoint,
+        )
+
+
+def physical(
+    uavs: tuple[int, int],
+    vehicles: tuple[int, int],
+    *,
+    zone_side: float = 6000.0,
+    reach: float = 3000.0,
+    step_seconds: float = 10.0,
+    uav_speed: float = 30.0,
+    vehicle_speed: Interval = (4.5, 15.0),
+    turn: float = 0.5,
+) -> Domain:
+    """A domain of one setting in metres and seconds; the defaults are the preset ``paper`` (docs/assumptions.md).
+
+    Args:
+        uavs, vehicles: between which the numbers are drawn.
+        zone_side, reach: [m].
+        uav_speed, vehicle_speed: [m/s].
+    """
+    ratio, uav_step, speed_ratio = zone_side / reach, uav_speed * step_seconds / zone_side, vehicle_speed[1] / uav_speed
+    return Domain(
+        uavs=uavs,
+        vehicles=vehicles,
+        ratio=(ratio, ratio),
+        uav_step=(uav_step, uav_step),
+        speed_ratio=(speed_ratio, speed_ratio),
+        slow_share=vehicle_speed[0] / vehicle_speed[1],
+        turn=(turn, turn),
+    )
+
+
+def varied(uavs: tuple[int, int] = (2, 8), vehicles: tuple[int, int] = (1, 40)) -> Domain:
+    """Games of many scales, speeds and kinds of traffic: what the generalist policy is trained on."""
+    return Domain(
+        uavs=uavs,
+        vehicles=vehicles,
+        ratio=(1.5, 3.0),
+        uav_step=(1 / 60, 1 / 8),
+        speed_ratio=(0.1, 0.6),
+        turn=(0.05, 0.5),
+        halt=(0.0, 0.2),
+        go=(0.1, 1.0),
+        swap=(0.0, 0.02),
+        astray=(0.0, 0.5),
+        waypoint=0.3,
+    )

@@ -1,0 +1,118 @@
+"""How good a policy is: whole unseen episodes, with 95 % intervals over them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+from scipy import stats
+
+from skyrelay.coordination import game
+from skyrelay.coordination.reward import Score
+from skyrelay.coordination.settings import Domain, MobilityModel, Shape, physical, varied
+from skyrelay.core.maps import normalise
+from skyrelay.learning.networks import Network
+from skyrelay.learning.ppo import new_games
+from skyrelay.policy import Policy
+
+UNSEEN = 2**31
+"""Folded into a seed's key for evaluation: no training plays these games."""
+MEASURES = ("return", "coverage", "connectivity", "connectivity_neighbor")
+
+
+@eqx.filter_jit
+def greedy_episodes(
+    actor: Network, key: PRNGKeyArray, episodes: int, shape: Shape, domain: Domain
+) -> Float[Array, "4 episodes"]:
+    """Play whole episodes, always taking the most valued action, all side by side in one compiled program.
+
+    Returns: of each episode the return, and the means of coverage, connectivity and connectivity_neighbor.
+    """
+
+    def play(games: game.State, _: None) -> tuple[game.State, Score]:
+        maps = jax.vmap(game.observe)(games)
+        action = jnp.argmax(jax.vmap(actor)(normalise(maps, shape.zoom)), -1)
+        games, transition = jax.vmap(game.step)(games, action)
+        return games, transition.score
+
+    _, scores = jax.lax.scan(play, new_games(key, episodes, shape, domain), None, shape.steps)
+    return _per_episode(scores)
+
+
+def episodes_of(
+    decide: Callable[[npt.NDArray[np.float32]], npt.NDArray[np.int64]],
+    key: PRNGKeyArray,
+    episodes: int,
+    shape: Shape,
+    domain: Domain,
+) -> Float[Array, "4 episodes"]:
+    """The same for any policy: a function from maps [batch, 6, n, n] to actions [batch], called once a step."""
+
+    @jax.jit
+    def look(games: game.State) -> Float[Array, "rows 6 n n"]:
+        maps = normalise(jax.vmap(game.observe)(games), shape.zoom)
+        return maps.reshape(-1, *maps.shape[2:])
+
+    @jax.jit
+    def play(games: game.State, actions: Int[Array, " rows"]) -> tuple[game.State, Score]:
+        games, transition = jax.vmap(game.step)(games, actions.reshape(episodes, shape.uavs))
+        return games, transition.score
+
+    games = jax.jit(new_games, static_argnums=(1, 2, 3))(key, episodes, shape, domain)
+    scores = []
+    for _ in range(shape.steps):
+        games, score = play(games, jnp.asarray(decide(np.asarray(look(games)))))
+        scores.append(score)
+    return _per_episode(jax.tree.map(lambda *rows: jnp.stack(rows), *scores))
+
+
+def summary(results: Float[Array, "4 episodes"]) -> dict[str, Any]:
+    """Means by name, each with its 95 % interval (Student's t over episodes).
+
+    Returns: ``{"return": {"mean": ..., "low": ..., "high": ...}, "coverage": ..., ...}``.
+    """
+    return {name: interval(np.asarray(values)) for name, values in zip(MEASURES, results, strict=True)}
+
+
+def interval(values: npt.NDArray[np.floating]) -> dict[str, float]:
+    """Mean and 95 % interval of independent values; the interval of a single value is empty."""
+    mean, count = float(np.mean(values, dtype=np.float64)), len(values)
+    half = 0.0
+    if count > 1:
+        half = float(stats.t.ppf(0.975, count - 1) * np.std(values, ddof=1, dtype=np.float64) / np.sqrt(count))
+    return {"mean": mean, "low": mean - half, "high": mean + half}
+
+
+def _per_episode(scores: Score) -> Float[Array, "4 episodes"]:
+    """From scores [steps, episodes] to one row a measure."""
+    means = (scores.coverage, scores.connectivity, scores.connectivity_neighbor)
+    return jnp.stack([scores.reward.sum(0), *(measure.mean(0) for measure in means)])
+
+
+def game_domain(
+    games: str,
+    uavs: tuple[int, int],
+    vehicles: tuple[int, int],
+    n: int,
+    zoom: int,
+    ratio: float | None = None,
+) -> tuple[Domain, Shape]:
+    """The games called "paper" or "varied", of other sizes or another ratio of zone side to range."""
+    domain = varied(uavs, vehicles) if games == "varied" else physical(uavs, vehicles)
+    if ratio is not None:
+        domain = replace(domain, ratio=(ratio, ratio))
+    mobility: MobilityModel = "mixed" if games == "varied" else "manhattan"
+    return domain, Shape(uavs[1], vehicles[1], n=n, zoom=zoom, mobility=mobility)
+
+
+def evaluate_policy(policy: Policy, episodes: int, shape: Shape, domain: Domain, seed: int) -> dict[str, Any]:
+    """`summary` of an ONNX policy over unseen episodes: the seed's games are none that training plays."""
+    key = jax.random.fold_in(jax.random.key(seed), UNSEEN)
+    return summary(episodes_of(policy.decide, key, episodes, shape, domain))

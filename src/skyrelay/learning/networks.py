@@ -1,0 +1,149 @@
+"""Actor and critic: small convolutional networks (Fig. "actor and critic", LeNet-like).
+
+A convolution is written as a matrix times patches: inside `lax.scan` XLA's CPU backend runs its own convolution about
+18 times slower. Weights are kept as that matrix; `skyrelay.learning.onnx` exports them as ordinary convolutions.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from skyrelay.core.flight import ACTIONS
+from skyrelay.core.maps import CHANNELS
+
+KERNEL = 3
+PADDING = 1
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """Convolutions of 3 x 3 cells with padding 1, then fully connected layers; ReLU after each.
+
+    Attributes:
+        n: side of the input maps [cells].
+        channels: output channels of each convolution.
+        strides: of each convolution.
+        pools: side and stride of the max-pooling after each convolution, ceiling mode; 1 for none.
+        hidden: widths of the fully connected layers.
+    """
+
+    n: int
+    channels: tuple[int, ...]
+    strides: tuple[int, ...]
+    pools: tuple[int, ...]
+    hidden: tuple[int, ...]
+
+    @property
+    def features(self) -> int:
+        """Numbers that leave the convolutions."""
+        side = self.n
+        for stride, pool in zip(self.strides, self.pools, strict=True):
+            side = -(-((side + 2 * PADDING - KERNEL) // stride + 1) // pool)
+        return side * side * (self.channels[-1] if self.channels else CHANNELS)
+
+    @property
+    def parameters(self) -> int:
+        """Of the actor, biases included."""
+        widths = (CHANNELS, *self.channels)
+        convolutions = sum(a * KERNEL**2 * b + b for a, b in zip(widths, widths[1:], strict=False))
+        sizes = (self.features, *self.hidden, ACTIONS)
+        return convolutions + sum(a * b + b for a, b in zip(sizes, sizes[1:], strict=False))
+
+
+FAST = Architecture(n=11, channels=(), strides=(), pools=(), hidden=(128, 64))
+"""No convolution: on a CPU it learns this game in a fraction of the time (docs/reference/policies.md)."""
+PAPER = Architecture(n=19, channels=(32, 64), strides=(1, 1), pools=(2, 1), hidden=(256, 128))
+"""Recovered from the paper's figures: 1,692,969 actor parameters."""
+
+
+class Linear(eqx.Module):
+    """x @ weight + bias."""
+
+    weight: Float[Array, "inputs outputs"]
+    bias: Float[Array, " outputs"]
+
+    @classmethod
+    def new(cls, key: PRNGKeyArray, inputs: int, outputs: int, gain: float) -> Linear:
+        """Normal weights that keep the size of what passes (times ``gain``), no bias."""
+        return cls(jax.random.normal(key, (inputs, outputs)) * (gain / math.sqrt(inputs)), jnp.zeros(outputs))
+
+    def __call__(self, x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch outputs"]:
+        return x @ self.weight + self.bias
+
+
+class Network(eqx.Module):
+    """From a batch of normalised maps to ``outputs`` numbers each: logits of the actions, or a value."""
+
+    convolutions: list[Linear]
+    layers: list[Linear]
+    architecture: Architecture = eqx.field(static=True)
+
+    def __init__(self, key: PRNGKeyArray, architecture: Architecture, outputs: int, gain: float) -> None:
+        keys = iter(jax.random.split(key, len(architecture.channels) + len(architecture.hidden) + 1))
+        widths = (CHANNELS, *architecture.channels)
+        sizes = (architecture.features, *architecture.hidden)
+        relu = math.sqrt(2.0)
+        self.convolutions = [
+            Linear.new(next(keys), a * KERNEL**2, b, relu) for a, b in zip(widths, widths[1:], strict=False)
+        ]
+        self.layers = [Linear.new(next(keys), a, b, relu) for a, b in zip(sizes, sizes[1:], strict=False)]
+        self.layers.append(Linear.new(next(keys), sizes[-1], outputs, gain))
+        self.architecture = architecture
+
+    def __call__(self, maps: Float[Array, "batch 6 n n"]) -> Float[Array, "batch outputs"]:
+        batch = maps.shape[0]
+        x = maps.reshape(batch, -1)
+        if self.convolutions:
+            x = x.T.reshape(maps.shape[1:] + (batch,))
+            for convolution, stride, pool in zip(
+                self.convolutions, self.architecture.strides, self.architecture.pools, strict=True
+            ):
+                x = max_pool(jax.nn.relu(convolve(convolution, x, stride)), pool)
+            x = x.reshape(-1, batch).T
+        for layer in self.layers[:-1]:
+            x = jax.nn.relu(layer(x))
+        return self.layers[-1](x)
+
+
+def actor(key: PRNGKeyArray, architecture: Architecture) -> Network:
+    """The policy network: logits of the 9 actions, nearly equal at first."""
+    return Network(key, architecture, ACTIONS, gain=0.01)
+
+
+def critic(key: PRNGKeyArray, architecture: Architecture) -> Network:
+    """The value network: one number."""
+    return Network(key, architecture, 1, gain=1.0)
+
+
+def convolve(
+    convolution: Linear, x: Float[Array, "channels n n batch"], stride: int
+) -> Float[Array, "outputs m m batch"]:
+    """A 3 x 3 convolution with padding 1 as one matrix product over all cells of the batch.
+
+    The batch is the last axis, so that cutting out the nine shifted copies moves long runs of memory.
+    """
+    channels, n, _, batch = x.shape
+    x = jnp.pad(x, ((0, 0), (PADDING, PADDING), (PADDING, PADDING), (0, 0)))
+    last = n + 2 * PADDING - KERNEL + 1
+    patches = jnp.stack(
+        [x[:, i : i + last : stride, j : j + last : stride] for i in range(KERNEL) for j in range(KERNEL)]
+    )
+    m = patches.shape[2]
+    out = convolution.weight.T @ patches.reshape(KERNEL**2 * channels, -1) + convolution.bias[:, None]
+    return out.reshape(-1, m, m, batch)
+
+
+def max_pool(x: Float[Array, "channels n n batch"], size: int) -> Float[Array, "channels m m batch"]:
+    """Maxima over blocks of size x size; the last block may be smaller (ceiling mode)."""
+    if size == 1:
+        return x
+    short = -x.shape[1] % size
+    x = jnp.pad(x, ((0, 0), (0, short), (0, short), (0, 0)), constant_values=-jnp.inf)
+    channels, n, _, batch = x.shape
+    return x.reshape(channels, n // size, size, n // size, size, batch).max(axis=(2, 4))

@@ -1,0 +1,297 @@
+"""Proximal policy optimisation with parameters shared by all UAVs (Algorithm "PPO- and CLDE-based MDRL").
+
+Reads from top to bottom: what is set (`Hyperparameters`), what is learned (`Learner`), how experience is collected
+(`collect`), what is optimised (`loss`), and one turn of it all (`update`). Each function is pure; `update` is compiled
+once and called until the steps are spent. A leading axis of seeds can be added by `jax.vmap`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
+
+from skyrelay.coordination import game
+from skyrelay.coordination.settings import Domain, Shape
+from skyrelay.core.flight import unit_moves
+from skyrelay.core.maps import normalise
+from skyrelay.learning.gae import advantages
+from skyrelay.learning.networks import Architecture, Network
+from skyrelay.learning.networks import actor as new_actor
+from skyrelay.learning.networks import critic as new_critic
+
+SYMMETRIES = 8
+
+
+@dataclass(frozen=True)
+class Hyperparameters:
+    """Of the algorithm (Table "Hyperparameters used for PPO training").
+
+    Attributes:
+        actor, critic: the networks.
+        games: played side by side.
+        horizon: steps of each game between two updates, at most an episode's length.
+        epochs: passes over the collected experience.
+        minibatches: pieces of each pass.
+        learning_rate: of Adam; falls linearly to 0 over the training where ``anneal``.
+        gamma: discount factor.
+        decay: lambda of GAE.
+        clip: of the probability ratio.
+        entropy: weight of the entropy bonus.
+        value: weight of the critic's loss.
+        max_gradient: largest norm of the gradient.
+        symmetries: optimise on experience that is turned and mirrored at random.
+    """
+
+    actor: Architecture
+    critic: Architecture
+    games: int
+    horizon: int
+    epochs: int
+    minibatches: int
+    learning_rate: float
+    anneal: bool
+    gamma: float = 0.99
+    decay: float = 0.95
+    clip: float = 0.2
+    entropy: float = 0.01
+    value: float = 0.5
+    max_gradient: float = 0.5
+    symmetries: bool = False
+
+    @property
+    def steps_per_update(self) -> int:
+        """Steps of a team, over all games, between two updates."""
+        return self.games * self.horizon
+
+
+class Learner(eqx.Module):
+    """All that changes while learning; a checkpoint holds exactly this.
+
+    Attributes:
+        actor, critic: the networks.
+        optimizer: state of Adam.
+        games: the games in play, one row each.
+        key: of the randomness to come.
+        updates: done so far.
+    """
+
+    actor: Network
+    critic: Network
+    optimizer: optax.OptState
+    games: game.State
+    key: PRNGKeyArray
+    updates: Int[Array, ""]
+
+
+class Experience(NamedTuple):
+    """What one decision of one UAV leaves behind; rows are [horizon, games, uavs] or any flattening of it.
+
+    Attributes:
+        maps: observation, as levels.
+        action: taken.
+        log_probability: of the action when it was taken.
+        value: what the critic expected.
+        advantage: what GAE makes of the rewards that followed.
+        active: false for a row that holds no UAV, which counts for nothing.
+    """
+
+    maps: UInt8[Array, "*rows 6 n n"]
+    action: Int[Array, "*rows"]
+    log_probability: Float[Array, "*rows"]
+    value: Float[Array, "*rows"]
+    advantage: Float[Array, "*rows"]
+    active: Bool[Array, "*rows"]
+
+
+def optimizer(config: Hyperparameters, total_updates: int) -> optax.GradientTransformation:
+    """Adam with a bound on the gradient's norm."""
+    turns = total_updates * config.epochs * config.minibatches
+    rate = optax.linear_schedule(config.learning_rate, 0.0, turns) if config.anneal else config.learning_rate
+    return optax.chain(optax.clip_by_global_norm(config.max_gradient), optax.adam(rate, eps=1e-5))
+
+
+def begin(key: PRNGKeyArray, config: Hyperparameters, shape: Shape, domain: Domain, total_updates: int) -> Learner:
+    """New networks and new games; the games' clocks differ, so that they do not all reset at once."""
+    k_actor, k_critic, k_games, k_clock, key = jax.random.split(key, 5)
+    actor, critic = new_actor(k_actor, config.actor), new_critic(k_critic, config.critic)
+    games = new_games(k_games, config.games, shape, domain)
+    clocks = jax.random.randint(k_clock, (config.games,), 0, shape.steps)
+    games = eqx.tree_at(lambda g: g.time, games, clocks)
+    state = optimizer(config, total_updates).init(eqx.filter((actor, critic), eqx.is_array))
+    return Learner(actor, critic, state, games, key, jnp.int32(0))
+
+
+def new_games(key: PRNGKeyArray, count: int, shape: Shape, domain: Domain) -> game.State:
+    """``count`` games with parameters of their own."""
+
+    def one(key: PRNGKeyArray) -> game.State:
+        k_draw, k_reset = jax.random.split(key)
+        return game.reset(k_reset, shape, domain.draw(k_draw))
+
+    return jax.vmap(one)(jax.random.split(key, count))
+
+
+def collect(learner: Learner, config: Hyperparameters, domain: Domain) -> tuple[Learner, Experience, game.Score]:
+    """Play ``horizon`` steps of every game with the present policy.
+
+    Returns: the learner with its games moved on, the experience [horizon, games, uavs], and the scores [horizon, games].
+    """
+    shape = learner.games.shape
+    k_reset, k_play, key = jax.random.split(learner.key, 3)
+    # A game reaches its time limit at most once in a horizon: one new game for each is enough, made beforehand.
+    fresh = new_games(k_reset, config.games, shape, domain)
+
+    def look(network: Network, maps: Array) -> Array:
+        return jax.vmap(network)(normalise(maps, shape.zoom))
+
+    def play(carry: tuple[game.State, game.State], key: PRNGKeyArray) -> tuple[tuple[game.State, game.State], tuple]:
+        games, last = carry
+        maps = jax.vmap(game.observe)(games)
+        log_probabilities = jax.nn.log_softmax(look(learner.actor, maps))
+        action = jax.random.categorical(key, log_probabilities)
+        log_probability = jnp.take_along_axis(log_probabilities, action[..., None], -1)[..., 0]
+        value = look(learner.critic, maps)[..., 0]
+        moved, transition = jax.vmap(game.step)(games, action)
+        over = transition.truncated
+        last = _where(over, moved, last)
+        row = (maps, action, log_probability, value, games.active, transition.score, over)
+        return (_where(over, fresh, moved), last), row
+
+    (games, last), rows = jax.lax.scan(play, (learner.games, learner.games), jax.random.split(k_play, config.horizon))
+    maps, action, log_probability, value, active, score, over = rows
+
+    # The value of the state that each step led to: the next row's, or the last state's of a game that was cut short.
+    value_now = look(learner.critic, jax.vmap(game.observe)(games))[..., 0]
+    value_last = look(learner.critic, jax.vmap(game.observe)(last))[..., 0]
+    next_value = jnp.where(over[..., None], value_last, jnp.concatenate([value[1:], value_now[None]]))
+    reward = jnp.broadcast_to(score.reward[..., None], value.shape)
+    stop = jnp.broadcast_to(over[..., None], value.shape)
+    advantage = advantages(reward, value, next_value, stop, config.gamma, config.decay)
+
+    learner = eqx.tree_at(lambda state: (state.games, state.key), learner, (games, key))
+    return learner, Experience(maps, action, log_probability, value, advantage, active), score
+
+
+def loss(
+    networks: tuple[Network, Network], batch: Experience, config: Hyperparameters, zoom: int
+) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
+    """The clipped surrogate objective, the critic's squared error, and the entropy bonus (Schulman et al. 2017, Eq. 9).
+
+    Args:
+        batch: rows of experience, [rows].
+    Returns: the loss, and its parts by name.
+    """
+    actor, critic = networks
+    maps = normalise(batch.maps, zoom)
+    log_probabilities = jax.nn.log_softmax(actor(maps))
+    log_probability = jnp.take_along_axis(log_probabilities, batch.action[:, None], -1)[:, 0]
+    value = critic(maps)[:, 0]
+
+    weight = batch.active / jnp.maximum(jnp.sum(batch.active), 1)
+
+    def mean(x: Array) -> Array:
+        return jnp.sum(weight * x)
+
+    centred = batch.advantage - mean(batch.advantage)
+    advantage = centred / (jnp.sqrt(mean(centred**2)) + 1e-8)
+
+    ratio = jnp.exp(log_probability - batch.log_probability)
+    clipped = jnp.clip(ratio, 1.0 - config.clip, 1.0 + config.clip)
+    policy_loss = -mean(jnp.minimum(ratio * advantage, clipped * advantage))
+    value_loss = 0.5 * mean((value - (batch.value + batch.advantage)) ** 2)
+    entropy = -mean(jnp.sum(jnp.exp(log_probabilities) * log_probabilities, -1))
+
+    total = policy_loss + config.value * value_loss - config.entropy * entropy
+    parts = {
+        "policy_loss": policy_loss,
+        "value_loss": value_loss,
+        "entropy": entropy,
+        "kl": mean(ratio - 1.0 - jnp.log(ratio)),
+        "clipped": mean((jnp.abs(ratio - 1.0) > config.clip).astype(jnp.float32)),
+    }
+    return total, parts
+
+
+def update(
+    learner: Learner, config: Hyperparameters, domain: Domain, total_updates: int
+) -> tuple[Learner, dict[str, Float[Array, ""]]]:
+    """Collect experience once, then optimise on it ``epochs`` times in ``minibatches`` pieces.
+
+    Returns: the learner, and means of the scores and of the loss's parts by name.
+    """
+    learner, experience, score = collect(learner, config, domain)
+    zoom = learner.games.shape.zoom
+    adam = optimizer(config, total_updates)
+    rows: Experience = jax.tree.map(lambda x: x.reshape(-1, *x.shape[3:]), experience)
+    count = rows.action.shape[0]
+    size = count // config.minibatches
+
+    arrays, static = eqx.partition((learner.actor, learner.critic), eqx.is_array)
+
+    def optimise(carry: tuple, piece: tuple[Int[Array, " size"], Int[Array, ""]]) -> tuple[tuple, dict[str, Array]]:
+        chosen, side = piece
+        arrays, state = carry
+        batch = jax.tree.map(lambda x: x[chosen], rows)
+        if config.symmetries:
+            batch = turned(batch, side)
+        networks = eqx.combine(arrays, static)
+        gradient, parts = eqx.filter_grad(partial(loss, config=config, zoom=zoom), has_aux=True)(networks, batch)
+        steps, state = adam.update(gradient, state, arrays)
+        return (eqx.apply_updates(arrays, steps), state), parts
+
+    k_shuffle, k_side, key = jax.random.split(learner.key, 3)
+    orders = jax.vmap(lambda k: jax.random.permutation(k, count))(jax.random.split(k_shuffle, config.epochs))
+    pieces = orders[:, : size * config.minibatches].reshape(-1, size)
+    sides = jax.random.randint(k_side, pieces.shape[:1], 0, SYMMETRIES)
+    (arrays, state), parts = jax.lax.scan(optimise, (arrays, learner.optimizer), (pieces, sides))
+
+    actor, critic = eqx.combine(arrays, static)
+    metrics = {name: jnp.mean(value) for name, value in parts.items()}
+    metrics |= {name: jnp.mean(value) for name, value in score._asdict().items()}
+    return Learner(actor, critic, state, learner.games, key, learner.updates + 1), metrics
+
+
+def turned(batch: Experience, side: Int[Array, ""]) -> Experience:
+    """The same experience in a zone that is turned or mirrored (one of the square's 8 symmetries).
+
+    The game has no preferred direction, so what was a good action stays one: each decision teaches eight.
+    """
+    n = batch.maps.shape[-1]
+    cells, actions = (jnp.asarray(table)[side] for table in _symmetry_tables(n))
+    maps = batch.maps.reshape(*batch.maps.shape[:-2], n * n)[..., cells].reshape(batch.maps.shape)
+    return batch._replace(maps=maps, action=actions[batch.action])
+
+
+@cache
+def _symmetry_tables(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of each symmetry: [8, n n] which cell each cell's content comes from, and [8, 9] what each action becomes."""
+    grid = np.arange(n * n).reshape(n, n)
+    moves = np.asarray(unit_moves())
+    cells, actions = [], []
+    for side in range(SYMMETRIES):
+        mirror, turns = divmod(side, 4)
+        turned = np.rot90(grid[:, ::-1] if mirror else grid, turns)
+        cells.append(turned.reshape(-1))
+        headings = moves * (-1, 1) if mirror else moves
+        # Rows are y upwards, so np.rot90 of the array is a quarter turn clockwise in the zone.
+        for _ in range(turns):
+            headings = np.stack([headings[:, 1], -headings[:, 0]], axis=1)
+        actions.append([int(np.argmin(((moves - heading) ** 2).sum(1))) for heading in headings])
+    return np.array(cells), np.array(actions)
+
+
+def _where(mask: Bool[Array, " games"], yes: game.State, no: game.State) -> game.State:
+    """Row by row, one game or the other."""
+
+    def choose(a: Array, b: Array) -> Array:
+        return jnp.where(mask.reshape(mask.shape + (1,) * (a.ndim - 1)), a, b)
+
+    return jax.tree.map(choose, yes, no)

@@ -1,0 +1,104 @@
+"""The observation of a UAV in flight, in NumPy; what the maps are is told in skyrelay.coordination.observation."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from skyrelay.core.maps import (
+    CHANNELS,
+    GLOBAL_COVERAGE,
+    GLOBAL_LOCATION,
+    GLOBAL_TEAM,
+    GLOBAL_VEHICLES,
+    LOCAL_LOCATION,
+    LOCAL_VEHICLES,
+    normalise,
+)
+
+Floats = npt.NDArray[np.floating]
+Maps = npt.NDArray[np.float32]
+
+
+def observe(
+    own_xy: Floats,
+    team_xy: Floats,
+    vehicles_xy: Floats,
+    zone_corner: tuple[float, float],
+    zone_side: float,
+    reach: float,
+    *,
+    n: int,
+    zoom: int,
+) -> Maps:
+    """The six maps of one UAV, from what it knows: itself, its team and its own vehicles.
+
+    Args:
+        own_xy: [2] its position [m].
+        team_xy: [M, 2] positions of the other UAVs of its team [m].
+        vehicles_xy: [V, 2] positions of its own vehicles [m]; NaN where a vehicle is not there.
+        zone_corner: the zone's south-west corner [m].
+        zone_side: [m].
+        reach: range of its links [m].
+        n, zoom: of the policy (its card tells).
+    Returns: [6, n, n], normalised. Positions outside the zone are shown at its border.
+    """
+    uavs = np.vstack([np.asarray(own_xy).reshape(1, 2), np.asarray(team_xy).reshape(-1, 2)])
+    vehicles = np.asarray(vehicles_xy).reshape(-1, 2)
+    owner = np.zeros(len(vehicles), dtype=np.int64)
+    return observe_team(uavs, vehicles, owner, zone_corner, zone_side, reach, n=n, zoom=zoom, rows=1)[0]
+
+
+def observe_team(
+    uavs_xy: Floats,
+    vehicles_xy: Floats,
+    owner: npt.NDArray[np.integer],
+    zone_corner: tuple[float, float],
+    zone_side: float,
+    reach: float,
+    *,
+    n: int,
+    zoom: int,
+    rows: int | None = None,
+) -> Maps:
+    """The six maps of every UAV of a team at once: for UAV i the same as `observe` with its own vehicles.
+
+    Args:
+        uavs_xy: [N, 2] positions [m].
+        vehicles_xy: [V, 2] positions [m]; NaN where a vehicle is not there.
+        owner: [V] row of the UAV that serves each vehicle; negative for none.
+        zone_corner, zone_side, reach, n, zoom: as in `observe`.
+        rows: maps of the first ``rows`` UAVs only; None for all.
+    Returns: [rows, 6, n, n], normalised.
+    """
+    cells = n * zoom
+    corner = np.asarray(zone_corner, dtype=np.float64)
+    there = (np.asarray(owner) >= 0) & np.isfinite(vehicles_xy).all(axis=-1)
+    uavs = ((np.asarray(uavs_xy, dtype=np.float64) - corner) / zone_side).clip(0.0, 1.0)
+    vehicles = ((np.asarray(vehicles_xy, dtype=np.float64)[there] - corner) / zone_side).clip(0.0, 1.0)
+    of = np.asarray(owner)[there]
+
+    rows = len(uavs) if rows is None else rows
+    uav_cell = (uavs * cells).astype(np.int64).clip(0, cells - 1)
+    vehicle_cell = (vehicles * cells).astype(np.int64).clip(0, cells - 1)
+    window = (uav_cell - n // 2).clip(0, cells - n)
+    in_window = vehicle_cell - window[of]
+    seen = ((in_window >= 0) & (in_window < n)).all(axis=-1)
+
+    levels = np.zeros((rows, CHANNELS, n, n), dtype=np.float32)
+    row = np.arange(rows)
+    local, coarse = (uav_cell - window)[:rows], uav_cell // zoom
+    levels[row, LOCAL_LOCATION, local[:, 1], local[:, 0]] = 1.0
+    levels[row, GLOBAL_LOCATION, coarse[:rows, 1], coarse[:rows, 0]] = 1.0
+    i, j = np.nonzero(row[:, None] != np.arange(len(uavs))[None, :])
+    np.add.at(levels, (i, GLOBAL_TEAM, coarse[j, 1], coarse[j, 0]), 1.0)
+    np.add.at(levels, (of[seen], LOCAL_VEHICLES, in_window[seen, 1], in_window[seen, 0]), 1.0)
+    np.add.at(levels, (of, GLOBAL_VEHICLES, vehicle_cell[:, 1] // zoom, vehicle_cell[:, 0] // zoom), 1.0)
+
+    centre = (np.arange(cells) + 0.5) / cells
+    x2 = (uavs[:, 0, None] - centre) ** 2
+    y2 = (uavs[:, 1, None] - centre) ** 2
+    near = y2[:, :, None] + x2[:, None, :] <= (reach / zone_side) ** 2
+    levels[:, GLOBAL_COVERAGE] = near.sum(axis=0).reshape(n, zoom, n, zoom).sum(axis=(1, 3))
+    result: Maps = normalise(levels, zoom)
+    return result

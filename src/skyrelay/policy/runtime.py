@@ -1,0 +1,135 @@
+"""What flies: loads an ONNX policy, checks it and its card, and decides."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import onnxruntime
+from pydantic import ValidationError
+
+from skyrelay.core.errors import ModelError
+from skyrelay.core.flight import ACTIONS
+from skyrelay.core.maps import CHANNELS
+from skyrelay.policy.card import CARD_KEY, Card
+
+MAX_BYTES = 64 * 2**20
+"""Larger files are refused before they are parsed."""
+
+
+class Policy:
+    """A trained policy on onnxruntime, one thread.
+
+    Attributes:
+        card: the model card from inside the file.
+        content: the file's bytes, as they are stored and addressed.
+    """
+
+    def __init__(self, content: bytes, place: str) -> None:
+        if not 0 < len(content) <= MAX_BYTES:
+            raise ModelError(place, f"{len(content)} bytes", f"a policy of 1 to {MAX_BYTES} bytes")
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1
+        options.inter_op_num_threads = 1
+        options.log_severity_level = 4
+        try:
+            session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime raises a class of its own for each fault, with no common base
+            reason = str(error).splitlines()[0][:160]
+            raise ModelError(
+                place, None, f"an ONNX model that onnxruntime {onnxruntime.__version__} runs ({reason})"
+            ) from error
+        self.card = _card(session, place)
+        self.content = content
+        self._session = session
+        _check(session, self.card, place)
+        self.decide(np.zeros((1, CHANNELS, self.card.n, self.card.n), dtype=np.float32))
+
+    @classmethod
+    def load(cls, source: str | Path | bytes, place: str | None = None) -> Policy:
+        """Read and check a policy.
+
+        Args:
+            source: path of an ONNX file, or its bytes.
+            place: what an error calls it; the path where left out.
+        Raises:
+            ModelError: it cannot be read, is no ONNX model, has no valid card, or its input and output do not fit.
+        """
+        if isinstance(source, bytes):
+            return cls(source, place or "policy")
+        path = Path(source)
+        try:
+            content = path.read_bytes()
+        except OSError as error:
+            raise ModelError(place or path, None, f"a readable ONNX file ({error.strerror})") from error
+        return cls(content, place or str(path))
+
+    @classmethod
+    def builtin(cls, name: str) -> Policy:
+        """A policy that ships with the package.
+
+        Raises:
+            ModelError: there is none of that name.
+        """
+        if name not in builtin_policies():
+            raise ModelError("policy", name, f"one of: {', '.join(builtin_policies())}")
+        return cls((files("skyrelay.data") / "policies" / f"{name}.onnx").read_bytes(), f"built-in policy {name}")
+
+    @property
+    def n(self) -> int:
+        """Side of the maps it looks at [cells]."""
+        return self.card.n
+
+    @property
+    def zoom(self) -> int:
+        """Of the full maps over n."""
+        return self.card.zoom
+
+    def logits(self, maps: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """[batch, 9] the network's outputs for maps [batch, 6, n, n]."""
+        result: npt.NDArray[np.float32] = self._session.run(None, {self._session.get_inputs()[0].name: maps})[0]
+        return result
+
+    def decide(self, maps: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
+        """The most valued action of each UAV.
+
+        Args:
+            maps: [batch, 6, n, n] from `skyrelay.policy.observation`.
+        Returns: [batch] actions 0..8.
+        """
+        return self.logits(maps).argmax(axis=1)
+
+
+def builtin_policies() -> list[str]:
+    """Names of the policies inside the package."""
+    folder = files("skyrelay.data") / "policies"
+    return sorted(Path(item.name).stem for item in folder.iterdir() if item.name.endswith(".onnx"))
+
+
+def _card(session: onnxruntime.InferenceSession, place: str) -> Card:
+    text = session.get_modelmeta().custom_metadata_map.get(CARD_KEY)
+    if text is None:
+        raise ModelError(place, None, f"a model card in the metadata entry {CARD_KEY!r}")
+    try:
+        return Card.model_validate_json(text)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        key = ".".join(map(str, fault["loc"]))
+        raise ModelError(
+            f"{place}: card: {key}", fault["input"], fault["msg"].removeprefix("Input should be ")
+        ) from None
+
+
+def _check(session: onnxruntime.InferenceSession, card: Card, place: str) -> None:
+    inputs, outputs = session.get_inputs(), session.get_outputs()
+    if len(inputs) != 1 or len(outputs) != 1:
+        raise ModelError(place, f"{len(inputs)} and {len(outputs)}", "one input and one output")
+    shape = list(inputs[0].shape)
+    if len(shape) != 4 or isinstance(shape[0], int) or shape[1:] != [CHANNELS, card.n, card.n]:
+        raise ModelError(f"{place}: input", shape, f"[batch, {CHANNELS}, {card.n}, {card.n}], as the card says")
+    if inputs[0].type != "tensor(float)":
+        raise ModelError(f"{place}: input", inputs[0].type, "tensor(float)")
+    if len(outputs[0].shape) != 2 or outputs[0].shape[1] != ACTIONS:
+        raise ModelError(f"{place}: output", list(outputs[0].shape), f"[batch, {ACTIONS}]")
