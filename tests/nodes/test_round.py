@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from skyrelay.chain.accounts import Keyring
+from skyrelay.chain.audit import audit_node
 from skyrelay.chain.chain import Chain
 from skyrelay.chain.client import IovClient, ModelCard, Role, Settings, UavRecord, VehicleRecord
 from skyrelay.chain.devnet import Devnet
@@ -117,11 +118,20 @@ def connect(network: Devnet, *validators: int) -> NodeChain:
     )
 
 
+def agrees_elsewhere(network: Devnet, validator: int, address: str, expected: Outcome) -> None:
+    """Another validator tells the same, and an audit from there finds every selection right."""
+    chain = connect(network, validator)
+    assert outcome(IovClient.connect(chain, address, network.chain_id)) == expected
+    report = audit_node(chain, address)
+    assert report.agrees, report.differences
+    assert report.checked["proposals"] == VEHICLES
+    assert report.checked["vehicles selected"] == sum(map(len, expected.selections.values()))
+
+
 def test_a_round_and_what_another_validator_says_of_it(network, expected):
     address, found = play_round(connect(network, 0))
     assert found == expected
-    other = connect(network, 3)
-    assert outcome(IovClient.connect(other, address, network.chain_id)) == expected
+    agrees_elsewhere(network, 3, address, expected)
 
 
 def test_one_validator_dies_in_mid_round(network, expected):
@@ -164,7 +174,7 @@ def test_all_die_and_return_and_nothing_is_lost_or_doubled(network, expected):
     for node in network.validators:
         network.kill(node.index)
     network.start()
-    assert outcome(IovClient.connect(connect(network, 2), address, network.chain_id)) == expected
+    agrees_elsewhere(network, 2, address, expected)
 
 
 @pytest.mark.xdist_group("clique")
@@ -172,4 +182,4 @@ def test_a_round_on_clique_with_one_validator_lost(tmp_path, expected):
     with running(tmp_path / "net", "clique") as clique:
         address, found = play_round(connect(clique, 0), lambda: clique.kill(2))
         assert found == expected
-        assert outcome(IovClient.connect(connect(clique, 3), address, clique.chain_id)) == expected
+        agrees_elsewhere(clique, 3, address, expected)

@@ -1,9 +1,15 @@
 """The store in a folder: what goes in comes back, or is refused by name."""
 
+import array
+import filecmp
 import multiprocessing
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from skyrelay.core.errors import StoreError
 from skyrelay.store.cid import CHUNK_BYTES, DAG_PB, Cid, Link, cid_of, encode_node
@@ -120,3 +126,39 @@ def test_several_processes_share_a_folder(store):
         assert all(pool.map(put_and_read, [store.root] * 6))
     assert {model.size for model in store.models()} == set(SIZES)
     assert not list(store.root.rglob(".*")), "no temporary file is left"
+
+
+KEEP = """
+import pathlib
+from skyrelay.store.local import LocalStore
+store = LocalStore(pathlib.Path("store"))
+cid = store.put(pathlib.Path("model"))
+size = store.fetch(cid, pathlib.Path("copy"))
+print(size, *(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
+"""
+
+
+def test_a_large_model_passes_through_little_memory(tmp_path):
+    with (tmp_path / "model").open("wb") as file:
+        for start in range(0, 25_000_000, 250_000):
+            file.write(array.array("I", range(start, start + 250_000)).tobytes())
+    ran = subprocess.run([sys.executable, "-c", KEEP], cwd=tmp_path, capture_output=True, text=True, check=True)
+    size, peak = map(int, ran.stdout.split())
+    assert size == 100_000_000
+    assert peak < 64 * 1024, "KiB"
+    assert filecmp.cmp(tmp_path / "model", tmp_path / "copy", shallow=False)
+
+
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_any_flipped_bit_of_any_block_is_found_and_the_block_named(tmp_path, data):
+    store = LocalStore(tmp_path / "store")
+    cid = store.put(content(CHUNK_BYTES + 100))
+    path = data.draw(st.sampled_from(sorted((store.root / "blocks").rglob("baf*"))))
+    whole = path.read_bytes()
+    bit = data.draw(st.integers(0, 8 * len(whole) - 1))
+    path.write_bytes(whole[: bit // 8] + bytes([whole[bit // 8] ^ 1 << bit % 8]) + whole[bit // 8 + 1 :])
+    with pytest.raises(StoreError, match=rf"block {path.name}: is 'damaged"):
+        store.get(cid)
+    path.write_bytes(whole)
+    assert store.verify(cid) == CHUNK_BYTES + 100
