@@ -84,6 +84,23 @@ def test_the_folder_of_another_experiment_is_refused(tmp_path):
         run(experiment(3, name="other"), tmp_path / "out")
 
 
+def test_the_manifest_says_what_is_run(tmp_path):
+    run(experiment(2), tmp_path / "out", command="skyrelay reproduce it")
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert manifest["command"] == "skyrelay reproduce it"
+    assert manifest["function"] == "runner_tasks:draw"
+    assert set(manifest["versions"]) == {"skyrelay", "python", "numpy", "scipy"}
+    assert manifest["tasks"] == {"seed-0": {"seed": 0}, "seed-1": {"seed": 1}}
+
+
+def test_settings_that_all_tasks_share_stand_in_the_manifest_once():
+    shared = Experiment(
+        "sample", "m:f", [Task("a", {"seed": 1, "v": [5]}), Task("b", {"seed": 2, "v": [5]})]
+    ).manifest()
+    assert shared["common_settings"] == {"v": [5]}
+    assert shared["tasks"] == {"a": {"seed": 1}, "b": {"seed": 2}}
+
+
 def test_a_folder_with_other_files_is_refused_and_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("x")
     with pytest.raises(RunFolderError, match="expected an empty folder"):

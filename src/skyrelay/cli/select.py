@@ -54,20 +54,22 @@ def command(
       skyrelay select --rounds full --set selection.candidates=zone --json
       skyrelay select --method optimal --objective served --time-limit 30
     """
+    from skyrelay.cli.quiet import stdout_kept_clean
     from skyrelay.core.scenario import load_scenario
     from skyrelay.selection.instances import draw_instance
 
     chosen = load_scenario(scenario, overrides or [])
     tables = draw_instance(vehicles, uavs, seed, chosen)
-    selection = select(
-        *tables,
-        method,
-        settings=chosen.selection,
-        rounds=_rounds(rounds),
-        objective=objective,  # type: ignore[arg-type]  # `select` checks it and suggests
-        time_limit=time_limit,
-        seed=seed,
-    )
+    with stdout_kept_clean():
+        selection = select(
+            *tables,
+            method,
+            settings=chosen.selection,
+            rounds=_rounds(rounds),
+            objective=objective,  # type: ignore[arg-type]  # `select` checks it and suggests
+            time_limit=time_limit,
+            seed=seed,
+        )
     result: dict[str, Any] = {"method": method, "seed": seed, "candidates": chosen.selection.candidates}
     result |= _of_the_method(selection)
     result |= asdict(evaluate(*tables, selection, chosen.selection))

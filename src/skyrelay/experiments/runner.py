@@ -70,7 +70,9 @@ class Experiment:
     packages: tuple[str, ...] = ("numpy", "scipy")
 
     def manifest(self) -> dict[str, Any]:
-        """What identifies the results."""
+        """What identifies the results; settings that all tasks share stand there once."""
+        first = dict(self.tasks[0].settings)
+        common = {key: first[key] for key in first if all(task.settings.get(key) == first[key] for task in self.tasks)}
         return {
             "experiment": self.name,
             "function": self.function,
@@ -79,7 +81,11 @@ class Experiment:
                 "python": platform.python_version(),
                 **{package: importlib.metadata.version(package) for package in self.packages},
             },
-            "tasks": [{"name": task.name, "settings": dict(task.settings)} for task in self.tasks],
+            "common_settings": common,
+            "tasks": {
+                task.name: {key: value for key, value in task.settings.items() if key not in common}
+                for task in self.tasks
+            },
         }
 
 
@@ -139,24 +145,35 @@ def _claim(experiment: Experiment, folder: Path, command: str | None) -> None:
     if not path.exists():
         if folder.exists() and any(folder.iterdir()):
             raise RunFolderError(folder, None, f"an empty folder, or one with a {MANIFEST}")
-        write_text(path, json.dumps({"command": command, **wanted}, indent=1) + "\n")
+        write_text(path, _pretty({"command": command, **wanted}))
         return
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise RunFolderError(path, None, f"a readable manifest ({error})") from error
     for key, value in wanted.items():
-        if not isinstance(found, dict) or found.get(key) != value:
+        if not isinstance(found, dict) or _in_order(found.get(key)) != _in_order(value):
             there = found.get(key) if isinstance(found, dict) else found
-            raise RunFolderError(
-                f"{path}: {key}", _brief(there), f"{_brief(value)} as of this run; remove the folder or name another"
-            )
+            wish = f"{_brief(key, value)} as of this run; remove the folder or name another"
+            raise RunFolderError(f"{path}: {key}", _brief(key, there), wish)
 
 
-def _brief(value: object) -> str:
-    """A manifest's value in few words; lists of tasks by their number and digest."""
-    if isinstance(value, list):
-        digest = hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:12]
+def _in_order(value: object) -> object:
+    """So that dictionaries compare with their order: it is that of the results."""
+    return list(value.items()) if isinstance(value, dict) else value
+
+
+def _pretty(manifest: Mapping[str, Any]) -> str:
+    """JSON with a line for each task."""
+    head = {key: value for key, value in manifest.items() if key != "tasks"}
+    lines = (f"  {json.dumps(name)}: {json.dumps(settings)}" for name, settings in manifest["tasks"].items())
+    return json.dumps(head, indent=1)[:-2] + ',\n "tasks": {\n' + ",\n".join(lines) + "\n }\n}\n"
+
+
+def _brief(key: str, value: object) -> str:
+    """A manifest's value in few words; tasks by their number and digest."""
+    if key == "tasks" and isinstance(value, Mapping):
+        digest = hashlib.sha256(json.dumps(list(value.items())).encode()).hexdigest()[:12]
         return f"{len(value)} tasks ({digest})"
     return json.dumps(value)
 
