@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -38,9 +39,12 @@ def command(
     named = model in builtin_policies() and not Path(model).exists()
     policy = Policy.builtin(model) if named else Policy.load(Path(model))
 
-    from skyrelay.learning.evaluation import evaluate_policy, game_domain
+    from skyrelay.learning.evaluation import evaluate_policy
+    from skyrelay.learning.presets import games_of
 
-    domain, shape = game_domain(games, team, traffic, policy.n, policy.zoom, ratio)  # type: ignore[arg-type]
+    domain, shape = games_of(games, team, traffic, policy.n, policy.zoom)  # type: ignore[arg-type]
+    if ratio is not None:
+        domain = replace(domain, ratio=(ratio, ratio))
     measures = evaluate_policy(policy, episodes, shape, domain, seed)
     outcome: dict[str, Any] = {
         "model": policy.card.name,

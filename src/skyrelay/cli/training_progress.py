@@ -39,6 +39,7 @@ class TrainingProgress:
         self._bar.stop()
 
     def __call__(self, report: Report) -> None:
+        """Show a report."""
         self._bar.update(self._task, description=report.stage, completed=report.update, total=report.updates)
         if report.row is None:
             return

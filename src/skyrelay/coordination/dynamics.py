@@ -64,9 +64,7 @@ def manhattan(
     return traffic._replace(position=mirrored(position), heading=heading, halted=halted)
 
 
-def random_waypoint(
-    draws: Float[Array, "vehicles 2"], traffic: Traffic, halted: Bool[Array, " vehicles"]
-) -> Traffic:
+def random_waypoint(draws: Float[Array, "vehicles 2"], traffic: Traffic, halted: Bool[Array, " vehicles"]) -> Traffic:
     """Drive straight to a target, then choose another, uniform in the zone."""
     way = traffic.target - traffic.position
     distance = jnp.sqrt(jnp.sum(way * way, -1))

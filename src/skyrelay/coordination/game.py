@@ -161,7 +161,8 @@ def _drive(state: State) -> tuple[Traffic, Int[Array, " vehicles"]]:
     traffic = jax.tree.map(partial(jnp.where, parameters.waypoint), waypoint, grid)
     leaves = draws[:, 4] < parameters.swap
     owner, fresh = _appear(draws[:, 5:], state.uavs, parameters)
-    return jnp.where(leaves, owner, state.owner), jax.tree.map(partial(_where, leaves), fresh, traffic)
+    mixed: Traffic = jax.tree.map(partial(_where, leaves), fresh, traffic)
+    return mixed, jnp.where(leaves, owner, state.owner)
 
 
 def _appear(

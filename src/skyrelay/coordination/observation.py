@@ -10,7 +10,8 @@ The six maps that the policy gets, each [n, n], row = y from south, column = x f
 - LOCAL_LOCATION, LOCAL_VEHICLES: a window of n x n cells of the full map centred on the UAV, shifted inward at borders;
 - GLOBAL_LOCATION, GLOBAL_TEAM, GLOBAL_COVERAGE, GLOBAL_VEHICLES: each zoom x zoom block of the full map, summed.
 
-The sums are whole numbers ("levels"), a byte each: rollouts keep them so. `skyrelay.core.maps.normalise` makes them the network's input.
+The sums are whole numbers ("levels"), a byte each: rollouts keep them so. `skyrelay.core.maps.normalise` makes them the
+network's input.
 `skyrelay.policy.observation` computes the same in NumPy for a UAV in flight; the tests hold both against a plain-loop
 reference that does materialise the four maps.
 """

@@ -113,7 +113,7 @@ class Domain:
         draws = iter(jax.random.uniform(key, (11,)))
 
         def between(bounds: Interval) -> Array:
-            return bounds[0] + (bounds[1] - bounds[0]) * next(draws)
+            return jnp.asarray(bounds[0] + (bounds[1] - bounds[0]) * next(draws))
 
         def count(bounds: tuple[int, int]) -> Array:
             return jnp.minimum(bounds[0] + ((bounds[1] - bounds[0] + 1) * next(draws)).astype(jnp.int32), bounds[1])

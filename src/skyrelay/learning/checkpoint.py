@@ -23,7 +23,8 @@ def save(path: Path, tree: Any, about: dict[str, Any]) -> None:
     """Write the arrays of ``tree``, and ``about`` (JSON) beside them; whole or not at all."""
     leaves = {f"leaf_{number:04d}": _plain(leaf) for number, leaf in enumerate(_arrays(tree))}
     with atomic_path(path) as beside, beside.open("wb") as file:
-        np.savez(file, **leaves, **{_ABOUT: np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)})
+        leaves[_ABOUT] = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
+        np.savez(file, allow_pickle=False, **leaves)
 
 
 def about(path: Path) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -16,7 +15,7 @@ from scipy import stats
 
 from skyrelay.coordination import game
 from skyrelay.coordination.reward import Score
-from skyrelay.coordination.settings import Domain, MobilityModel, Shape, physical, varied
+from skyrelay.coordination.settings import Domain, Shape
 from skyrelay.core.maps import normalise
 from skyrelay.learning.networks import Network
 from skyrelay.learning.ppo import new_games
@@ -58,7 +57,7 @@ def episodes_of(
     @jax.jit
     def look(games: game.State) -> Float[Array, "rows 6 n n"]:
         maps = normalise(jax.vmap(game.observe)(games), shape.zoom)
-        return maps.reshape(-1, *maps.shape[2:])
+        return jnp.reshape(maps, (-1, *maps.shape[2:]))
 
     @jax.jit
     def play(games: game.State, actions: Int[Array, " rows"]) -> tuple[game.State, Score]:
@@ -94,22 +93,6 @@ def _per_episode(scores: Score) -> Float[Array, "4 episodes"]:
     """From scores [steps, episodes] to one row a measure."""
     means = (scores.coverage, scores.connectivity, scores.connectivity_neighbor)
     return jnp.stack([scores.reward.sum(0), *(measure.mean(0) for measure in means)])
-
-
-def game_domain(
-    games: str,
-    uavs: tuple[int, int],
-    vehicles: tuple[int, int],
-    n: int,
-    zoom: int,
-    ratio: float | None = None,
-) -> tuple[Domain, Shape]:
-    """The games called "paper" or "varied", of other sizes or another ratio of zone side to range."""
-    domain = varied(uavs, vehicles) if games == "varied" else physical(uavs, vehicles)
-    if ratio is not None:
-        domain = replace(domain, ratio=(ratio, ratio))
-    mobility: MobilityModel = "mixed" if games == "varied" else "manhattan"
-    return domain, Shape(uavs[1], vehicles[1], n=n, zoom=zoom, mobility=mobility)
 
 
 def evaluate_policy(policy: Policy, episodes: int, shape: Shape, domain: Domain, seed: int) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import equinox as eqx
 import jax
@@ -51,9 +52,9 @@ class Architecture:
     def parameters(self) -> int:
         """Of the actor, biases included."""
         widths = (CHANNELS, *self.channels)
-        convolutions = sum(a * KERNEL**2 * b + b for a, b in zip(widths, widths[1:], strict=False))
+        convolutions = sum(a * KERNEL**2 * b + b for a, b in pairwise(widths))
         sizes = (self.features, *self.hidden, ACTIONS)
-        return convolutions + sum(a * b + b for a, b in zip(sizes, sizes[1:], strict=False))
+        return convolutions + sum(a * b + b for a, b in pairwise(sizes))
 
 
 FAST = Architecture(n=11, channels=(), strides=(), pools=(), hidden=(128, 64))
@@ -74,6 +75,7 @@ class Linear(eqx.Module):
         return cls(jax.random.normal(key, (inputs, outputs)) * (gain / math.sqrt(inputs)), jnp.zeros(outputs))
 
     def __call__(self, x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch outputs"]:
+        """Apply to the last axis."""
         return x @ self.weight + self.bias
 
 
@@ -89,18 +91,17 @@ class Network(eqx.Module):
         widths = (CHANNELS, *architecture.channels)
         sizes = (architecture.features, *architecture.hidden)
         relu = math.sqrt(2.0)
-        self.convolutions = [
-            Linear.new(next(keys), a * KERNEL**2, b, relu) for a, b in zip(widths, widths[1:], strict=False)
-        ]
-        self.layers = [Linear.new(next(keys), a, b, relu) for a, b in zip(sizes, sizes[1:], strict=False)]
+        self.convolutions = [Linear.new(next(keys), a * KERNEL**2, b, relu) for a, b in pairwise(widths)]
+        self.layers = [Linear.new(next(keys), a, b, relu) for a, b in pairwise(sizes)]
         self.layers.append(Linear.new(next(keys), sizes[-1], outputs, gain))
         self.architecture = architecture
 
     def __call__(self, maps: Float[Array, "batch 6 n n"]) -> Float[Array, "batch outputs"]:
+        """Apply to a batch of normalised maps."""
         batch = maps.shape[0]
         x = maps.reshape(batch, -1)
         if self.convolutions:
-            x = x.T.reshape(maps.shape[1:] + (batch,))
+            x = x.T.reshape(*maps.shape[1:], batch)
             for convolution, stride, pool in zip(
                 self.convolutions, self.architecture.strides, self.architecture.pools, strict=True
             ):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
@@ -24,7 +26,7 @@ def export(actor: Network, card: Card) -> bytes:
     weights: list[onnx.TensorProto] = []
     last = "maps"
 
-    def add(operator: str, inputs: list[str], **attributes: object) -> str:
+    def add(operator: str, inputs: list[str], **attributes: Any) -> str:
         output = f"{operator.lower()}_{len(nodes)}"
         nodes.append(helper.make_node(operator, inputs, [output], **attributes))
         return output

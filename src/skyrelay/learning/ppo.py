@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -19,6 +19,7 @@ import optax
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
 
 from skyrelay.coordination import game
+from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape
 from skyrelay.core.flight import unit_moves
 from skyrelay.core.maps import normalise
@@ -139,10 +140,10 @@ def new_games(key: PRNGKeyArray, count: int, shape: Shape, domain: Domain) -> ga
     return jax.vmap(one)(jax.random.split(key, count))
 
 
-def collect(learner: Learner, config: Hyperparameters, domain: Domain) -> tuple[Learner, Experience, game.Score]:
+def collect(learner: Learner, config: Hyperparameters, domain: Domain) -> tuple[Learner, Experience, Score]:
     """Play ``horizon`` steps of every game with the present policy.
 
-    Returns: the learner with its games moved on, the experience [horizon, games, uavs], and the scores [horizon, games].
+    Returns: the learner with its games moved on, experience [horizon, games, uavs], and scores [horizon, games].
     """
     shape = learner.games.shape
     k_reset, k_play, key = jax.random.split(learner.key, 3)
@@ -152,7 +153,7 @@ def collect(learner: Learner, config: Hyperparameters, domain: Domain) -> tuple[
     def look(network: Network, maps: Array) -> Array:
         return jax.vmap(network)(normalise(maps, shape.zoom))
 
-    def play(carry: tuple[game.State, game.State], key: PRNGKeyArray) -> tuple[tuple[game.State, game.State], tuple]:
+    def play(carry: tuple[game.State, game.State], key: PRNGKeyArray) -> tuple[tuple[game.State, game.State], Any]:
         games, last = carry
         maps = jax.vmap(game.observe)(games)
         log_probabilities = jax.nn.log_softmax(look(learner.actor, maps))
@@ -236,7 +237,7 @@ def update(
 
     arrays, static = eqx.partition((learner.actor, learner.critic), eqx.is_array)
 
-    def optimise(carry: tuple, piece: tuple[Int[Array, " size"], Int[Array, ""]]) -> tuple[tuple, dict[str, Array]]:
+    def optimise(carry: Any, piece: tuple[Int[Array, " size"], Int[Array, ""]]) -> tuple[Any, dict[str, Array]]:
         chosen, side = piece
         arrays, state = carry
         batch = jax.tree.map(lambda x: x[chosen], rows)
@@ -294,4 +295,5 @@ def _where(mask: Bool[Array, " games"], yes: game.State, no: game.State) -> game
     def choose(a: Array, b: Array) -> Array:
         return jnp.where(mask.reshape(mask.shape + (1,) * (a.ndim - 1)), a, b)
 
-    return jax.tree.map(choose, yes, no)
+    chosen: game.State = jax.tree.map(choose, yes, no)
+    return chosen

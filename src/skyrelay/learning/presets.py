@@ -50,6 +50,15 @@ class Training:
         return -(-self.steps // self.hyperparameters.steps_per_update)
 
 
+def games_of(
+    games: GamesName, uavs: tuple[int, int], vehicles: tuple[int, int], n: int, zoom: int = 2
+) -> tuple[Domain, Shape]:
+    """The games called "paper" (one scale) or "varied" (many scales, speeds and kinds of traffic), for some sizes."""
+    if games == "varied":
+        return varied(uavs, vehicles), Shape(uavs[1], vehicles[1], n=n, zoom=zoom, mobility="mixed")
+    return physical(uavs, vehicles), Shape(uavs[1], vehicles[1], n=n, zoom=zoom)
+
+
 _FAST = Hyperparameters(
     actor=FAST,
     critic=FAST,
@@ -90,11 +99,7 @@ def training(
     """
     base = {"fast": _FAST, "paper": _PAPER}[preset]
     n = base.actor.n
-    largest = {"uavs": uavs[1], "vehicles": vehicles[1]}
-    if games == "varied":
-        domain, shape = varied(uavs, vehicles), Shape(**largest, n=n, mobility="mixed")
-    else:
-        domain, shape = physical(uavs, vehicles), Shape(**largest, n=n)
+    domain, shape = games_of(games, uavs, vehicles, n)
     if preset == "paper":
         # The table's horizon counts steps of a team; minibatches stay near 500 decisions whatever the team's size.
         base = replace(base, minibatches=8 * uavs[1])

@@ -135,7 +135,7 @@ def train(
         while done < config.updates and not interrupted():
             began = time.perf_counter()
             learner, metrics = turn(learner)
-            jax.block_until_ready(learner.updates)
+            metrics = jax.device_get(metrics)
             seconds += time.perf_counter() - began
             done += 1
             steps = done * config.hyperparameters.steps_per_update
@@ -147,8 +147,9 @@ def train(
             curves.append(row)
             if done % tests == 0 or done == config.updates or interrupted():
                 _save(out, learner, curves, identity)
-            for key, value in row.items() if writer else ():
-                writer.add_scalar(key, value, steps)
+            if writer:
+                for key, value in row.items():
+                    writer.add_scalar(key, value, steps)
             report(Report("training", done, config.updates, steps, seconds, row))
     if writer:
         writer.close()
@@ -166,8 +167,13 @@ def train(
 
 def compiled_update(config: Training, learner: Learner) -> Callable[[Learner], tuple[Learner, dict[str, Any]]]:
     """`ppo.update` of this training, compiled for ``learner``; its argument's memory is reused."""
-    function = eqx.filter_jit(update, donate="all")
-    return function.lower(learner, config.hyperparameters, config.domain, config.updates).compile()
+
+    def turn(learner: Learner) -> tuple[Learner, dict[str, Any]]:
+        return update(learner, config.hyperparameters, config.domain, config.updates)
+
+    jitted: Any = eqx.filter_jit(turn, donate="all")
+    compiled: Callable[[Learner], tuple[Learner, dict[str, Any]]] = jitted.lower(learner).compile()
+    return compiled
 
 
 def learn_side_by_side(config: Training, seeds: Sequence[int]) -> Iterator[tuple[int, dict[str, Any]]]:
@@ -181,19 +187,25 @@ def learn_side_by_side(config: Training, seeds: Sequence[int]) -> Iterator[tuple
 
     @eqx.filter_jit
     def start(keys: jax.Array) -> Learner:
-        return eqx.filter_vmap(lambda key: _begin_with(config, key))(keys)
+        learners: Learner = eqx.filter_vmap(lambda key: _begin_with(config, key))(keys)
+        return learners
 
     @eqx.filter_jit(donate="all")
-    def turn(learner: Learner) -> Learner:
-        return eqx.filter_vmap(lambda one: update(one, config.hyperparameters, config.domain, config.updates)[0])(
-            learner
-        )
+    def turn(learners: Learner) -> Learner:
+        def one(learner: Learner) -> Learner:
+            return update(learner, config.hyperparameters, config.domain, config.updates)[0]
+
+        moved: Learner = eqx.filter_vmap(one)(learners)
+        return moved
 
     @eqx.filter_jit
-    def examine(learner: Learner) -> jax.Array:
-        return eqx.filter_vmap(
-            lambda one: greedy_episodes(one.actor, _test_key(config), config.test_episodes, config.shape, config.domain)
-        )(learner).mean(-1)
+    def examine(learners: Learner) -> jax.Array:
+        def one(learner: Learner) -> jax.Array:
+            key, shape, domain = _test_key(config), config.shape, config.domain
+            return greedy_episodes(learner.actor, key, config.test_episodes, shape, domain).mean(-1)
+
+        results: jax.Array = eqx.filter_vmap(one)(learners)
+        return results
 
     learner = start(jax.vmap(jax.random.key)(jax.numpy.asarray(seeds, jax.numpy.uint32)))
     tests = max(1, config.test_every // config.hyperparameters.steps_per_update)
@@ -257,7 +269,7 @@ def make_card(config: Training, name: str, command: str, evaluation: list[Evalua
         versions=versions(),
         evaluation=evaluation,
         limits=(
-            "Trained on synthetic vehicles in a flat square zone; positions of the team and of its own vehicles must be "
+            "Trained on synthetic vehicles in a flat square zone; where its team and its own vehicles are must be "
             "known at every step. Outside the numbers above it flies, but nothing is promised."
         ),
     )
@@ -278,7 +290,8 @@ def versions() -> dict[str, str]:
 
 
 def _begin(config: Training) -> Learner:
-    return eqx.filter_jit(lambda key: _begin_with(config, key))(jax.random.key(config.seed))
+    learner: Learner = eqx.filter_jit(lambda key: _begin_with(config, key))(jax.random.key(config.seed))
+    return learner
 
 
 def _begin_with(config: Training, key: jax.Array) -> Learner:

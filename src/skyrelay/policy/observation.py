@@ -46,7 +46,8 @@ def observe(
     uavs = np.vstack([np.asarray(own_xy).reshape(1, 2), np.asarray(team_xy).reshape(-1, 2)])
     vehicles = np.asarray(vehicles_xy).reshape(-1, 2)
     owner = np.zeros(len(vehicles), dtype=np.int64)
-    return observe_team(uavs, vehicles, owner, zone_corner, zone_side, reach, n=n, zoom=zoom, rows=1)[0]
+    maps: Maps = _maps(uavs, vehicles, owner, zone_corner, zone_side, reach, n, zoom, seers=1)[0]
+    return maps
 
 
 def observe_team(
@@ -59,7 +60,6 @@ def observe_team(
     *,
     n: int,
     zoom: int,
-    rows: int | None = None,
 ) -> Maps:
     """The six maps of every UAV of a team at once: for UAV i the same as `observe` with its own vehicles.
 
@@ -68,9 +68,23 @@ def observe_team(
         vehicles_xy: [V, 2] positions [m]; NaN where a vehicle is not there.
         owner: [V] row of the UAV that serves each vehicle; negative for none.
         zone_corner, zone_side, reach, n, zoom: as in `observe`.
-        rows: maps of the first ``rows`` UAVs only; None for all.
-    Returns: [rows, 6, n, n], normalised.
+    Returns: [N, 6, n, n], normalised.
     """
+    return _maps(uavs_xy, vehicles_xy, owner, zone_corner, zone_side, reach, n, zoom, seers=len(uavs_xy))
+
+
+def _maps(
+    uavs_xy: Floats,
+    vehicles_xy: Floats,
+    owner: npt.NDArray[np.integer],
+    zone_corner: tuple[float, float],
+    zone_side: float,
+    reach: float,
+    n: int,
+    zoom: int,
+    seers: int,
+) -> Maps:
+    """[seers, 6, n, n] maps of the first ``seers`` UAVs, to whom all vehicles belong."""
     cells = n * zoom
     corner = np.asarray(zone_corner, dtype=np.float64)
     there = (np.asarray(owner) >= 0) & np.isfinite(vehicles_xy).all(axis=-1)
@@ -78,27 +92,26 @@ def observe_team(
     vehicles = ((np.asarray(vehicles_xy, dtype=np.float64)[there] - corner) / zone_side).clip(0.0, 1.0)
     of = np.asarray(owner)[there]
 
-    rows = len(uavs) if rows is None else rows
     uav_cell = (uavs * cells).astype(np.int64).clip(0, cells - 1)
     vehicle_cell = (vehicles * cells).astype(np.int64).clip(0, cells - 1)
     window = (uav_cell - n // 2).clip(0, cells - n)
     in_window = vehicle_cell - window[of]
     seen = ((in_window >= 0) & (in_window < n)).all(axis=-1)
 
-    levels = np.zeros((rows, CHANNELS, n, n), dtype=np.float32)
-    row = np.arange(rows)
-    local, coarse = (uav_cell - window)[:rows], uav_cell // zoom
-    levels[row, LOCAL_LOCATION, local[:, 1], local[:, 0]] = 1.0
-    levels[row, GLOBAL_LOCATION, coarse[:rows, 1], coarse[:rows, 0]] = 1.0
-    i, j = np.nonzero(row[:, None] != np.arange(len(uavs))[None, :])
-    np.add.at(levels, (i, GLOBAL_TEAM, coarse[j, 1], coarse[j, 0]), 1.0)
-    np.add.at(levels, (of[seen], LOCAL_VEHICLES, in_window[seen, 1], in_window[seen, 0]), 1.0)
-    np.add.at(levels, (of, GLOBAL_VEHICLES, vehicle_cell[:, 1] // zoom, vehicle_cell[:, 0] // zoom), 1.0)
+    levels = np.zeros((seers, CHANNELS, n, n), dtype=np.float32)
+    seer = np.arange(seers)
+    local, coarse, vehicle_coarse = (uav_cell - window)[:seers], uav_cell // zoom, vehicle_cell // zoom
+    levels[seer, LOCAL_LOCATION, local[:, 1], local[:, 0]] = 1.0
+    levels[seer, GLOBAL_LOCATION, coarse[:seers, 1], coarse[:seers, 0]] = 1.0
+    i, j = np.nonzero(seer[:, None] != np.arange(len(uavs))[None, :])
+    np.add.at(levels[:, GLOBAL_TEAM], (i, coarse[j, 1], coarse[j, 0]), 1.0)
+    np.add.at(levels[:, LOCAL_VEHICLES], (of[seen], in_window[seen, 1], in_window[seen, 0]), 1.0)
+    np.add.at(levels[:, GLOBAL_VEHICLES], (of, vehicle_coarse[:, 1], vehicle_coarse[:, 0]), 1.0)
 
     centre = (np.arange(cells) + 0.5) / cells
     x2 = (uavs[:, 0, None] - centre) ** 2
     y2 = (uavs[:, 1, None] - centre) ** 2
     near = y2[:, :, None] + x2[:, None, :] <= (reach / zone_side) ** 2
     levels[:, GLOBAL_COVERAGE] = near.sum(axis=0).reshape(n, zoom, n, zoom).sum(axis=(1, 3))
-    result: Maps = normalise(levels, zoom)
-    return result
+    maps: Maps = normalise(levels, zoom)
+    return maps

@@ -99,7 +99,8 @@ class Policy:
             maps: [batch, 6, n, n] from `skyrelay.policy.observation`.
         Returns: [batch] actions 0..8.
         """
-        return self.logits(maps).argmax(axis=1)
+        actions: npt.NDArray[np.int64] = self.logits(maps).argmax(axis=1)
+        return actions
 
 
 def builtin_policies() -> list[str]:
