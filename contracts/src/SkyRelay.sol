@@ -288,18 +288,29 @@ contract SkyRelay is SkyRelayStorage, AccessControl, ISkyRelay {
         address uav = _uavList[index];
         uint256 bandwidth = _members[uav].bandwidth();
         Lists storage lists = _listsOf(index, s.number());
-        (uint256[] memory heap, address[] memory vehicles, uint256 least) = _load(lists, s);
-        ProposalHeap.build(heap);
+        (uint256[] memory heap, address[] memory vehicles) = _load(lists, s);
+        uint256 size = heap.length;
+        ProposalHeap.build(heap, size);
 
         uint256[MAX_PROPOSALS / 256] memory bits;
         uint256 left = bandwidth;
         uint256 taken = 0;
-        // Once less is left than the least that anyone asks for, all others are rejected.
-        for (uint256 size = heap.length; size != 0 && least <= left; --size) {
+        uint256 misfits = 0;
+        uint256 patience = 1;
+        while (size != 0) {
             uint256 best = ProposalHeap.pop(heap, size);
-            uint256 demand = uint32(best);
-            if (demand > left) continue;
             unchecked {
+                --size;
+                uint256 demand = uint32(best);
+                if (demand > left) {
+                    // What does not fit now never will. Doubling the patience bounds the passes by log n.
+                    if (++misfits == patience) {
+                        size = ProposalHeap.keepFitting(heap, size, left);
+                        patience <<= 1;
+                        misfits = 0;
+                    }
+                    continue;
+                }
                 left -= demand;
                 uint256 i = type(uint16).max - uint16(best >> 176);
                 bits[i >> 8] |= 1 << (i & 0xff);
@@ -331,28 +342,24 @@ contract SkyRelay is SkyRelayStorage, AccessControl, ISkyRelay {
     /// @dev The proposals that a UAV holds and the undecided ones.
     /// @return heap a word each, the larger the better: score, then the earlier submission; below place and demand.
     /// @return vehicles by place.
-    /// @return least demand of them all.
     function _load(Lists storage lists, Session s)
         private
         view
-        returns (uint256[] memory heap, address[] memory vehicles, uint256 least)
+        returns (uint256[] memory heap, address[] memory vehicles)
     {
         uint256 count = s.count();
         uint256 decided = s.decided();
         uint256 size = count - decided + s.selected();
         heap = new uint256[](size);
         vehicles = new address[](size);
-        least = type(uint32).max;
         size = 0;
         unchecked {
             for (uint256 i = 0; i < count; ++i) {
                 if (i < decided && !_isSelected(lists, i)) continue;
                 Proposal p = lists.proposals[i];
                 if (Proposal.unwrap(p) == 0) continue; // withdrawn
-                uint256 demand = p.demand();
                 vehicles[size] = p.vehicle();
-                heap[size] = p.score() << 192 | (type(uint16).max - i) << 176 | size << 32 | demand;
-                if (demand < least) least = demand;
+                heap[size] = p.score() << 192 | (type(uint16).max - i) << 176 | size << 32 | p.demand();
                 ++size;
             }
         }

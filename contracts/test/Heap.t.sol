@@ -13,7 +13,7 @@ contract HeapAndQualityTest is Test {
                 sum += words[i];
             }
         }
-        ProposalHeap.build(words);
+        ProposalHeap.build(words, words.length);
         uint256 last = type(uint256).max;
         for (uint256 size = words.length; size != 0; --size) {
             uint256 word = ProposalHeap.pop(words, size);
@@ -24,6 +24,21 @@ contract HeapAndQualityTest is Test {
             }
         }
         equal(sum, 0, "each word once");
+    }
+
+    function testFuzz_keepFittingKeepsExactlyThose(uint256[] memory words, uint32 left) public pure {
+        uint256 fitting;
+        for (uint256 i = 0; i < words.length; ++i) {
+            if (uint32(words[i]) <= left) ++fitting;
+        }
+        uint256 size = ProposalHeap.keepFitting(words, words.length, left);
+        equal(size, fitting, "kept");
+        uint256 last = type(uint256).max;
+        for (; size != 0; --size) {
+            uint256 word = ProposalHeap.pop(words, size);
+            check(word <= last && uint32(word) <= left, "fits, descending");
+            last = word;
+        }
     }
 
     function testFuzz_scoreIsTheFlooredSquareRoot(uint64 qov, uint32 demand) public pure {

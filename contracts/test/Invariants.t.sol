@@ -15,6 +15,7 @@ contract Handler is Fixture {
     string public violation;
     uint256 public submitted;
     uint256 public allocated;
+    uint256 public ratings;
 
     constructor() {
         deploy();
@@ -72,7 +73,22 @@ contract Handler is Fixture {
         ++allocated;
     }
 
-    function reset(uint256 zone) public {
+    function everyoneProposes(uint256 zone, uint256 pick, uint256 demand) public {
+        address[] memory uavs = relay.getZoneUAV(zoneOf(zone));
+        if (uavs.length == 0) return;
+        uint32 current = round(zoneOf(zone));
+        for (uint256 i = 0; i < VEHICLES; ++i) {
+            address to = uavs[(pick + i) % uavs.length];
+            vm.prank(vehicle(i));
+            try relay.submitVehSelection(to, uint32(bound(demand / (i + 1), 1, 4_000)), current) {
+                ++submitted;
+            } catch {}
+        }
+    }
+
+    /// @dev Seldom, or nothing else would get far.
+    function reset(uint256 zone, uint256 chance) public {
+        if (chance % 4 != 0) return;
         relay.resetListsForZone(zoneOf(zone));
     }
 
@@ -94,18 +110,37 @@ contract Handler is Fixture {
         remember(uav(u % UAVS));
     }
 
-    function resetUAV(uint256 u, bool byItself) public {
+    function resetUAV(uint256 u, bool byItself, uint256 chance) public {
+        if (chance % 4 != 0) return;
         if (byItself) vm.prank(uav(u % UAVS));
         relay.resetUAVSubmission(uav(u % UAVS));
     }
 
-    function rate(uint256 v, uint256 u, uint16 index, bool good, bool byVehicle) public {
-        if (byVehicle) {
-            vm.prank(vehicle(v % VEHICLES));
-            more.rateUAV(uav(u % UAVS), good);
-        } else {
-            vm.prank(uav(u % UAVS));
-            more.rateVehicle(vehicle(v % VEHICLES), index % 6, good);
+    /// @dev Whoever may rate a UAV does, and the UAV rates back where it can; nobody does so twice.
+    function rate(uint256 u, bool good) public {
+        address rated = uav(u % UAVS);
+        for (uint256 i = 0; i < VEHICLES; ++i) {
+            uint256 before = relay.getUAVInfo(rated).reputation;
+            vm.prank(vehicle(i));
+            try more.rateUAV(rated, good) {
+                ++ratings;
+                uint256 after_ = relay.getUAVInfo(rated).reputation;
+                if (after_ > before + 100 || before > after_ + 100) violation = "a rating moved too far";
+                vm.prank(vehicle(i));
+                try more.rateUAV(rated, good) {
+                    violation = "a vehicle rated twice";
+                } catch {}
+            } catch {}
+            for (uint16 index = 0; index < 4; ++index) {
+                vm.prank(rated);
+                try more.rateVehicle(vehicle(i), index, good) {
+                    ++ratings;
+                    vm.prank(rated);
+                    try more.rateVehicle(vehicle(i), index, good) {
+                        violation = "a UAV rated twice";
+                    } catch {}
+                } catch {}
+            }
         }
     }
 
@@ -182,6 +217,11 @@ contract Handler is Fixture {
 }
 
 contract InvariantTest {
+    struct FuzzSelector {
+        address addr;
+        bytes4[] selectors;
+    }
+
     Handler private handler;
 
     function setUp() public {
@@ -191,6 +231,23 @@ contract InvariantTest {
     function targetContracts() public view returns (address[] memory targets) {
         targets = new address[](1);
         targets[0] = address(handler);
+    }
+
+    function targetSelectors() public view returns (FuzzSelector[] memory targets) {
+        targets = new FuzzSelector[](1);
+        bytes4[] memory actions = new bytes4[](11);
+        actions[0] = Handler.propose.selector;
+        actions[1] = Handler.proposeInOwnZone.selector;
+        actions[2] = Handler.everyoneProposes.selector;
+        actions[3] = Handler.allocate.selector;
+        actions[4] = Handler.reset.selector;
+        actions[5] = Handler.moveVehicle.selector;
+        actions[6] = Handler.updateUAV.selector;
+        actions[7] = Handler.moveUAV.selector;
+        actions[8] = Handler.resetUAV.selector;
+        actions[9] = Handler.rate.selector;
+        actions[10] = Handler.attack.selector;
+        targets[0] = FuzzSelector(address(handler), actions);
     }
 
     function invariant_selectionsRecordsAndCountsAgree() public view {

@@ -5,13 +5,24 @@ pragma solidity 0.8.26;
 /// @notice Algorithm 2 takes the best proposals until the bandwidth is spent: a heap orders only those that are
 /// looked at, and its worst case is n log n whatever order an attacker submits in.
 library ProposalHeap {
-    /// @notice Order `heap` so that the largest word is first. O(n).
-    function build(uint256[] memory heap) internal pure {
+    /// @notice Order the first `size` words so that the largest is first. O(n).
+    function build(uint256[] memory heap, uint256 size) internal pure {
         unchecked {
-            for (uint256 i = heap.length >> 1; i > 0; --i) {
-                siftDown(heap, i - 1, heap.length);
+            for (uint256 i = size >> 1; i > 0; --i) {
+                siftDown(heap, i - 1, size);
             }
         }
+    }
+
+    /// @notice Drop those of the first `size` words whose low 32 bits, the demand, exceed `left`; how many remain. O(n).
+    function keepFitting(uint256[] memory heap, uint256 size, uint256 left) internal pure returns (uint256 kept) {
+        unchecked {
+            for (uint256 i = 0; i < size; ++i) {
+                uint256 word = heap[i];
+                if (uint32(word) <= left) heap[kept++] = word;
+            }
+        }
+        build(heap, kept);
     }
 
     /// @notice Take the largest of the first `size` words out; `size - 1` remain. O(log n).

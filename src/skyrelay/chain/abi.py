@@ -216,7 +216,7 @@ def contract() -> Contract:
 
 @lru_cache(maxsize=1)
 def extension() -> Contract:
-    """The compiled extension, which the contract passes calls on to (docs/decisions/002-contract-in-two-parts.md)."""
+    """The compiled extension, which the contract passes calls on to (docs/decisions/0010-contract-two-parts.md)."""
     return _compiled("SkyRelayExtension")
 
 

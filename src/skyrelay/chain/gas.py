@@ -13,6 +13,7 @@ from skyrelay.chain.abi import contract
 from skyrelay.chain.chain import Call, Receipt
 from skyrelay.chain.client import IovClient, ModelCard, Role, Settings, UavRecord, VehicleRecord
 from skyrelay.chain.embedded import EmbeddedChain
+from skyrelay.core.errors import ChainError
 
 PAPER_GAS = {
     "deployment": 2_932_986,
@@ -116,8 +117,11 @@ def differences(found: dict[str, object], expected: dict[str, object]) -> list[s
             for report in (expected, found)
         )
         for key in [*old, *(key for key in new if key not in old)]:
-            if old.get(key) != new.get(key):
-                lines.append(f"{part} {' / '.join(map(str, key))}: {old.get(key)} became {new.get(key)}")
+            name = f"{part} {' / '.join(map(str, key))}"
+            if key not in new:
+                lines.append(f"{name}: is no longer measured")
+            elif old.get(key) != new[key]:
+                lines.append(f"{name}: {old.get(key)} became {new[key]}")
     return lines
 
 
@@ -222,7 +226,7 @@ class _Session:
         self._measure("setReputations", "10 members", client.set_reputations(self.admin, ratings))
 
     def curve(self, numbers: Sequence[int]) -> list[CurvePoint]:
-        """allocateZone in zones of 20 UAVs that all have served before."""
+        """What allocateZone costs in a zone of 20 UAVs that all have served before."""
         zone = 9
         uavs = [f"curve uav {i}" for i in range(_ZONE_UAVS)]
         for uav in uavs:
@@ -230,7 +234,7 @@ class _Session:
         largest = max(numbers, default=0)
         vehicles = [f"curve vehicle {i}" for i in range(largest)]
         self._run([self._vehicle_call(vehicle, zone) for vehicle in vehicles])
-        points = []
+        points: list[CurvePoint] = []
         for count in (1, 1, *numbers):  # the first two periods fill both of each UAV's lists
             spread = self._allocation(zone, vehicles[: count if points else _ZONE_UAVS], uavs, 10**6)
             pieces = self._allocation(zone, vehicles[: count if points else _ZONE_UAVS], uavs, 60)
@@ -240,15 +244,19 @@ class _Session:
 
     def _allocation(self, zone: int, vehicles: Sequence[str], uavs: Sequence[str], piece: int) -> list[int]:
         """Gas of each call of one whole allocation; a period of its own."""
-        round_ = self.client.zone_info(zone).round
-        self._run(
-            [self._submission(v, uavs[i % len(uavs)], round_, 1000 + i % 2999) for i, v in enumerate(vehicles)]
-        )
+        round_ = self._round(zone)
+        self._run([self._submission(v, uavs[i % len(uavs)], round_, 1000 + i % 2999) for i, v in enumerate(vehicles)])
         gas = []
-        while self.client.zone_info(zone).round == round_:
+        while self._round(zone) == round_:
             gas.append(self._run([self.client.allocate_zone(self.admin, zone, piece)])[0].gas_used)
         self._run([self.client.reset_lists_for_zone(self.admin, zone)])
         return gas
+
+    def _round(self, zone: int) -> int:
+        info = self.client.zone_info(zone)
+        if info is None:
+            raise ChainError(f"zone {zone}", None, "a zone that a UAV has entered")
+        return info.round
 
     def _uav(self, name: str, zone: int) -> Receipt:
         record = UavRecord(1500.0 + zone, 100.5, 100, 90.5, 20_000, zone)
@@ -267,7 +275,7 @@ class _Session:
         return self.client.submit_veh_selection(account(vehicle), account(uav), demand, round_)
 
     def _submit(self, vehicle: str, uav: str, zone: int) -> Receipt:
-        round_ = self.client.zone_info(zone).round
+        round_ = self._round(zone)
         return self._run([self._submission(vehicle, uav, round_, 2500)])[0]
 
     def _measure(self, function: str, case: str, call: Call) -> None:

@@ -1,0 +1,57 @@
+"""``skyrelay chain gas``."""
+
+from __future__ import annotations
+
+import json
+
+import typer
+
+from skyrelay.cli.options import Json
+
+
+def command(as_json: Json = False) -> None:
+    """Measure what each function of the contract costs, beside the paper's table, and allocateZone over proposals.
+
+    Takes about ten seconds on the embedded chain, whose gas is a node's.
+
+    For example:
+
+      skyrelay chain gas
+
+      skyrelay chain gas --json > contracts/gas-snapshot.json
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from skyrelay.chain.gas import measure
+
+    report = measure()
+    if as_json:
+        typer.echo(json.dumps(report.as_json(), indent=1))
+        return
+    console = Console()
+    table = Table(title="Gas of a transaction")
+    for heading in ("function", "case"):
+        table.add_column(heading)
+    for heading in ("paper", "ours", "ratio"):
+        table.add_column(heading, justify="right")
+    for row in report.rows:
+        paper = "" if row.paper is None else f"{row.paper:,}"
+        ratio = "" if row.ratio is None else f"{row.ratio:.2f}"
+        table.add_row(row.function, row.case, paper, f"{row.gas:,}", ratio)
+    console.print(table)
+    table = Table(title="allocateZone over the proposals of a zone")
+    for heading in ("proposals", "20 UAVs", "each", "1 UAV", "each", "pieces of 60", "calls"):
+        table.add_column(heading, justify="right")
+    for point in report.curve:
+        n = point.proposals
+        table.add_row(
+            f"{n:,}",
+            f"{point.spread:,}",
+            f"{point.spread // n:,}",
+            f"{point.single:,}",
+            f"{point.single // n:,}",
+            f"{point.pieces:,}",
+            f"{point.calls:,}",
+        )
+    console.print(table)
