@@ -11,17 +11,19 @@ from contextlib import contextmanager
 
 @contextmanager
 def stdout_kept_clean() -> Iterator[None]:
-    """Send what compiled libraries print to standard output to standard error.
+    """Drop what is printed to standard output meanwhile, by compiled libraries too; results are printed afterwards.
 
-    HiGHS, which scipy's MILP is, prints a line of its own now and then; in ``--json`` output it would be a fault.
+    HiGHS, the solver in scipy's MILP, prints a line of its own now and then that no option turns off; it would spoil
+    ``--json`` output and the progress on a terminal.
     """
     sys.stdout.flush()
-    kept = os.dup(1)
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
     try:
-        os.dup2(2, 1)
+        os.dup2(nowhere, 1)
         yield
     finally:
         sys.stdout.flush()
-        ctypes.CDLL(None).fflush(None)  # the library's own buffer, before standard output is itself again
+        ctypes.CDLL(None).fflush(None)  # the libraries' own buffer, before standard output is itself again
         os.dup2(kept, 1)
         os.close(kept)
+        os.close(nowhere)

@@ -118,9 +118,9 @@ def select(
             vehicles,
             uavs,
             rule,
-            _round_limit(rule.rounds if rounds is None else rounds),
+            round_limit(rule.rounds if rounds is None else rounds),
             _checked_incumbent(incumbent, vehicles, uavs),
-            _checked_hysteresis(hysteresis),
+            check_hysteresis(hysteresis),
         )
         return _result(vehicles, uavs, assignment, rule, method, rounds=played)
     if method == "optimal":
@@ -173,7 +173,12 @@ def _check(value: str, known: tuple[str, ...], what: str) -> None:
     raise UsageError(what, value, f"one of {', '.join(known)}{hint}")
 
 
-def _round_limit(rounds: int | Literal["full"]) -> int | None:
+def round_limit(rounds: int | Literal["full"]) -> int | None:
+    """The number of rounds, None for ``"full"``.
+
+    Raises:
+        UsageError: it is neither.
+    """
     if rounds == "full":
         return None
     if isinstance(rounds, bool) or not isinstance(rounds, int) or rounds < 1:
@@ -193,7 +198,12 @@ def _checked_incumbent(incumbent: IntArray | None, vehicles: VehicleTable, uavs:
     return incumbent
 
 
-def _checked_hysteresis(hysteresis: float) -> float:
+def check_hysteresis(hysteresis: float) -> float:
+    """The hysteresis, if it can be one.
+
+    Raises:
+        UsageError: it cannot.
+    """
     if not (np.isfinite(hysteresis) and hysteresis >= 0.0):
         raise UsageError("hysteresis", hysteresis, "a finite number of QoU points, at least 0")
     return hysteresis

@@ -60,7 +60,11 @@ class Preferences:
 
     def first(self) -> tuple[IntArray, FloatArray]:
         """The head of each list: [V] UAV or -1, and [V] its QoU, -inf where there is none."""
-        return self._search(np.arange(len(self._vehicles), dtype=np.int64), None)
+        return self.first_of(np.arange(len(self._vehicles), dtype=np.int64))
+
+    def first_of(self, rows: IntArray) -> tuple[IntArray, FloatArray]:
+        """The head of the lists of some vehicles; ``rows`` [R] are distinct."""
+        return self._search(rows, None)
 
     def after(self, rows: IntArray, uav: IntArray, qou_there: FloatArray) -> tuple[IntArray, FloatArray]:
         """The next of each list after the place (``qou_there``, ``uav``).
