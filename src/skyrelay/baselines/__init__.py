@@ -1,1 +1,1 @@
-"""What a learned policy is compared with."""
+"""What the learned policy is held against, in the same games: rules, placement, a planner, centralised PPO."""
