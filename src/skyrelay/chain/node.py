@@ -170,30 +170,29 @@ class NodeChain:
         signed = self._sign(calls)
         found: dict[str, dict[str, Any]] = {}
         unsent = dict(signed)
+        progress = (0, 0)
         last_progress = last_broadcast = time.monotonic()
         while True:
             if unsent:
                 accepted = self._broadcast(unsent)
                 unsent = {digest: raw for digest, raw in unsent.items() if digest not in accepted}
                 last_broadcast = time.monotonic()
-            missing = [digest for digest in signed if digest not in found]
-            new = self._receipts(missing)
-            found.update(new)
-            if len(found) == len(signed) and self._confirmed(found):
-                break
+            found.update(self._receipts([digest for digest in signed if digest not in found]))
+            head = self._head() if len(found) == len(signed) and self._confirmations else 0
+            if len(found) == len(signed) and self._confirmed(found, head):
+                return self._as_receipts(calls, [found[digest] for digest in signed])
             now = time.monotonic()
-            if new or len(found) == len(signed):
-                last_progress = now
+            if (len(found), head) != progress:
+                progress, last_progress = (len(found), head), now
             elif now - last_progress > self._patience:
                 raise ChainError(
-                    f"{self._urls[0]}: {len(missing)} transactions",
-                    missing[0],
-                    f"a receipt within {self._patience:g} s; they may still be mined",
+                    f"{self._urls[0]}: transactions",
+                    f"{len(found)} of {len(signed)} mined, the head at {self._head()}",
+                    f"all mined and confirmed, or some progress within {self._patience:g} s; the rest may still be mined",
                 )
             if now - last_broadcast > self._rebroadcast:
-                unsent = {digest: signed[digest] for digest in missing}
+                unsent = {digest: raw for digest, raw in signed.items() if digest not in found}
             time.sleep(self._poll)
-        return self._as_receipts(calls, [found[digest] for digest in signed])
 
     def _sign(self, calls: Sequence[Call]) -> dict[str, bytes]:
         """Signed transactions by their hashes, nonces following on what each sender has under way."""
@@ -236,11 +235,11 @@ class NodeChain:
         replies = self._batch([("eth_getTransactionReceipt", [digest]) for digest in digests])
         return {digest: reply["result"] for digest, reply in zip(digests, replies, strict=True) if reply.get("result")}
 
-    def _confirmed(self, found: dict[str, dict[str, Any]]) -> bool:
-        """All receipts are deep enough, and still the same; those that moved are forgotten."""
+    def _confirmed(self, found: dict[str, dict[str, Any]], head: int) -> bool:
+        """All receipts are deep enough below ``head``, and still the same; those that moved are forgotten."""
         if not self._confirmations:
             return True
-        if self._head() < max(int(r["blockNumber"], 16) for r in found.values()) + self._confirmations:
+        if head < max(int(r["blockNumber"], 16) for r in found.values()) + self._confirmations:
             return False
         again = self._receipts(list(found))
         moved = [digest for digest in found if again.get(digest, {}).get("blockHash") != found[digest]["blockHash"]]

@@ -92,7 +92,7 @@ class World:
     def allocate(self, piece: int) -> None:
         """Every zone, in pieces."""
         for zone in ZONES:
-            done = False
+            done = self.client.zone_info(zone) is None
             while not done:
                 self.time += 1
                 receipts = self.client.execute([self.client.allocate_zone(self.coordinator, zone, piece)], self.time)
