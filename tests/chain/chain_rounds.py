@@ -32,7 +32,7 @@ class World:
 
     def __init__(self, chain: Chain, seed: int = 1, uavs: int = 6, vehicles: int = 30) -> None:
         self.chain = chain
-        self.random = random.Random(seed)
+        self.random = random.Random(seed)  # noqa: S311
         self.time = 100
         self.admin, self.coordinator, self.publisher, self.authority = (
             chain.account(name) for name in ("admin", "coordinator", "publisher", "authority")

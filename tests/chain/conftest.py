@@ -33,10 +33,10 @@ class Anvil:
 
     def batch(self, requests: list[tuple[str, list[Any]]]) -> list[dict[str, Any]]:
         body = [{"jsonrpc": "2.0", "id": i, "method": m, "params": p} for i, (m, p) in enumerate(requests)]
-        request = urllib.request.Request(
+        request = urllib.request.Request(  # noqa: S310
             self.url, json.dumps(body).encode(), headers={"content-type": "application/json"}
         )
-        with urllib.request.urlopen(request, timeout=60) as response:
+        with urllib.request.urlopen(request, timeout=60) as response:  # noqa: S310
             return sorted(json.load(response), key=lambda answer: answer["id"])
 
 
@@ -67,7 +67,7 @@ def wait_for(anvil: Anvil) -> None:
             return
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def anvil() -> Iterator[Anvil]:
     """London rules, blocks on demand, any sender."""
     port = free_port()

@@ -21,7 +21,7 @@ class Node:
     """Takes signed transactions, mines when asked for a receipt.
 
     Attributes:
-        lost_answers: how many of the next eth_sendRawTransaction batches are executed, but answered by a closed connection.
+        lost_answers: how many of the next batches of transactions are taken, but answered by a closed connection.
         blind: how many of the next receipts are "not found" though they are there.
         gone_until: no connection is answered before this moment.
         forget_pool: the pool is emptied once, as by a restart.

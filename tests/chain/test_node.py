@@ -12,7 +12,6 @@ import pytest
 from chain_rounds import World
 from json_rpc_node import Node
 from typer.testing import CliRunner
-from typer.testing import CliRunner
 
 from skyrelay.chain.abi import ContractError
 from skyrelay.chain.accounts import PASSWORD, PASSWORD_FILE, Keyring

@@ -2,7 +2,7 @@
 
 Bytecode is translated to Python, trace by trace, when it is first reached (`skyrelay.chain.translate`); this file holds
 what the translated code calls: state, gas, memory, calls between contracts, and the execution of one transaction.
-Why not an existing one: docs/decisions/005-embedded-chain.md.
+Why not an existing one: docs/decisions/0020-embedded-chain.md.
 
 Addresses, storage slots and storage values are integers; code, call data and output are bytes.
 """

@@ -188,7 +188,7 @@ class NodeChain:
                 raise ChainError(
                     f"{self._urls[0]}: transactions",
                     f"{len(found)} of {len(signed)} mined, the head at {self._head()}",
-                    f"all mined and confirmed, or some progress within {self._patience:g} s; the rest may still be mined",
+                    f"progress within {self._patience:g} s; the rest may still be mined",
                 )
             if now - last_broadcast > self._rebroadcast:
                 unsent = {digest: raw for digest, raw in signed.items() if digest not in found}
