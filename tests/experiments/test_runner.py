@@ -157,17 +157,6 @@ def test_tasks_need_distinct_names(tmp_path, tasks):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.fixture(scope="module")
-def cluster():
-    """A Ray cluster of this machine with two workers."""
-    cluster_utils = pytest.importorskip("ray.cluster_utils")
-    cluster = cluster_utils.Cluster(
-        initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False, "object_store_memory": 10**8}
-    )
-    yield cluster.address
-    cluster.shutdown()
-
-
 def test_ray_gives_the_same_to_the_last_digit(tmp_path, cluster):
     here = run(experiment(8), tmp_path / "here")
     there = run(experiment(8), tmp_path / "there", ray=cluster)
