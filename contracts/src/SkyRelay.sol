@@ -28,8 +28,8 @@ contract SkyRelay is SkyRelayStorage, AccessControl, ISkyRelay {
     address private immutable EXTENSION;
 
     constructor(Parameters memory p, address extension) {
-        uint256 qou;
-        uint256 qov;
+        uint256 qou = 0;
+        uint256 qov = 0;
         for (uint256 i = 0; i < 4; ++i) {
             qou += p.qouWeights[i];
             qov += p.qovWeights[i];
@@ -63,7 +63,9 @@ contract SkyRelay is SkyRelayStorage, AccessControl, ISkyRelay {
         _grantRole(DEFAULT_ADMIN_ROLE, msg.sender);
     }
 
-    /// @dev The extension, fixed at deployment, works on this contract's storage.
+    /// @dev The extension, fixed at deployment, works on this contract's storage. Solidity can pass any call and any
+    /// answer on in assembly only.
+    // slither-disable-next-line assembly
     fallback() external {
         address extension = EXTENSION;
         assembly ("memory-safe") {
@@ -292,6 +294,7 @@ contract SkyRelay is SkyRelayStorage, AccessControl, ISkyRelay {
         uint256 size = heap.length;
         ProposalHeap.build(heap, size);
 
+        // slither-disable-next-line uninitialized-local (memory arrays begin as zeros)
         uint256[MAX_PROPOSALS / 256] memory bits;
         uint256 left = bandwidth;
         uint256 taken = 0;
@@ -342,6 +345,7 @@ contract SkyRelay is SkyRelayStorage, AccessControl, ISkyRelay {
     /// @dev The proposals that a UAV holds and the undecided ones.
     /// @return heap a word each, the larger the better: score, then the earlier submission; below place and demand.
     /// @return vehicles by place.
+    // slither-disable-next-line assembly (shortens the array in place)
     function _load(Lists storage lists, Session s)
         private
         view

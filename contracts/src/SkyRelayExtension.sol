@@ -11,6 +11,9 @@ import {Member, Proposal, Session, Zone} from "./libraries/Records.sol";
 /// @notice Runs on SkyRelay's storage, by its fallback. Called at its own address it knows nobody and nobody has a
 /// role: whatever writes reverts.
 contract SkyRelayExtension is SkyRelayStorage, ISkyRelayExtension {
+    /// @dev Models in use: what bounds the gas of `determineMDRLModel`.
+    uint256 private constant MAX_MODELS = 64;
+
     // Models
 
     /// @inheritdoc ISkyRelayExtension

@@ -17,8 +17,6 @@ abstract contract SkyRelayStorage is ISkyRelayTypes {
     uint256 internal constant MAX_PROPOSALS = 1024;
     /// @dev UAVs in one zone's list.
     uint256 internal constant MAX_ZONE_UAVS = 65_535;
-    /// @dev Models in use: what bounds the gas of `determineMDRLModel`.
-    uint256 internal constant MAX_MODELS = 64;
     /// @dev Battery and reputation of 100.
     uint256 internal constant HUNDRED = 10_000;
 
@@ -46,6 +44,8 @@ abstract contract SkyRelayStorage is ISkyRelayTypes {
         uint8 actions;
     }
 
+    // Each part writes some of these and reads all: seen alone, the extension reads what nothing has written.
+    // slither-disable-start uninitialized-state
     Rules internal _rules;
     address[] internal _uavList;
     bytes32[] internal _modelList;
@@ -57,6 +57,7 @@ abstract contract SkyRelayStorage is ISkyRelayTypes {
     mapping(uint256 zone => uint24[MAX_ZONE_UAVS] uavIndices) internal _zoneUAVs;
     mapping(uint256 zone => bytes32 modelId) internal _zoneModels;
     mapping(bytes32 modelId => Model model) internal _models;
+    // slither-disable-end uninitialized-state
 
     // Records: what is unknown reverts
 

@@ -109,6 +109,7 @@ interface ISkyRelayTypes {
     }
 
     /// @param extension what SkyRelay passes on to: its code is part of what must be checked.
+    // slither-disable-next-line unindexed-event-address (there is one in a contract's life)
     event Deployed(Parameters parameters, address extension);
 
     event UAVRegistered(

@@ -36,6 +36,7 @@ library ProposalHeap {
 
     /// @dev In assembly without bounds checks: `hole < size <= heap.length` holds at both callers, and a child is read
     /// only where it is below `size`. This loop is most of an allocation's gas after the storage reads.
+    // slither-disable-next-line assembly
     function siftDown(uint256[] memory heap, uint256 hole, uint256 size) private pure {
         assembly ("memory-safe") {
             let base := add(heap, 0x20)
