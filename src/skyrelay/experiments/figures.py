@@ -56,6 +56,7 @@ _PLACES = {
     "selection-distance": "skyrelay.experiments.sensitivity:DISTANCE",
     "selection-demand": "skyrelay.experiments.sensitivity:DEMAND",
     "selection-zones": "skyrelay.experiments.sensitivity:ZONES",
+    "coordination": "skyrelay.experiments.coordination:FIGURE",
 }
 """Where each figure is."""
 
