@@ -37,6 +37,28 @@ test-browser: $(READY) ## the report page in a real headless Chromium
 		echo "test-browser needs chromium and chromedriver (Debian: apt-get install chromium chromium-driver)" >&2; exit 1; }
 	$(PYTEST) -m browser
 
+contracts/node_modules/.ready: contracts/package-lock.json
+	@command -v npm >/dev/null || { echo "test-contracts needs Node 20 or later with npm" >&2; exit 1; }
+	cd contracts && npm ci --no-audit --no-fund --loglevel=error
+	@touch $@
+
+# Slither pins other versions of web3's libraries than we do, so it lives in an environment of its own.
+$(VENV)/slither/.ready: constraints-slither.txt
+	@$(PYTHON) -m venv $(VENV)/slither
+	@$(VENV)/slither/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints-slither.txt slither-analyzer
+	@touch $@
+
+test-contracts: $(READY) contracts/node_modules/.ready $(VENV)/slither/.ready ## the contract under attack: Foundry, Slither, the committed artefacts
+	cd contracts && npm run --silent check && npm test --silent && SLITHER=$(CURDIR)/$(VENV)/slither/bin/slither npm run --silent slither
+	$(PYTEST) -m contracts
+
+nodes: ## build Kubo, go-ethereum and GoQuorum into .tools/bin (needs Go; minutes the first time)
+	@command -v go >/dev/null || { echo "make nodes needs Go 1.24 or later" >&2; exit 1; }
+	tools/build-nodes
+
+test-nodes: $(READY) nodes ## real validators and real IPFS nodes on loopback
+	$(PYTEST) -m nodes -n 4 --dist loadgroup
+
 test-all: check test test-browser test-contracts test-nodes ## everything
 
 clean: ## remove the environment and what runs left

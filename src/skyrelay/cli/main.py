@@ -10,7 +10,21 @@ import typer
 from typer.exceptions import TyperException
 
 import skyrelay
-from skyrelay.cli import audit, chain_devnet, models, report, run, scenario
+from skyrelay.cli import (
+    audit,
+    baseline,
+    chain_devnet,
+    chain_gas,
+    evaluate,
+    explain,
+    models,
+    report,
+    reproduce,
+    run,
+    scenario,
+    select,
+    train,
+)
 from skyrelay.core.errors import SkyRelayError
 
 app = typer.Typer(
@@ -26,12 +40,19 @@ app.command("run")(run.command)
 app.command("scenario")(scenario.command)
 app.command("report")(report.command)
 app.command("audit")(audit.command)
+app.command("explain")(explain.command)
+app.command("select")(select.command)
+app.command("reproduce")(reproduce.command)
+app.command("train")(train.command)
+app.command("evaluate")(evaluate.command)
+app.command("baseline")(baseline.command)
 app.add_typer(models.app, name="models")
 
 chain = typer.Typer(
     help="The contract's chain: a consortium on this machine, and what calls cost.", no_args_is_help=True
 )
 chain.command("devnet")(chain_devnet.command)
+chain.command("gas")(chain_gas.command)
 app.add_typer(chain, name="chain")
 
 

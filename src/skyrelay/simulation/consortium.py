@@ -77,7 +77,7 @@ class Consortium:
         """Hash of the latest block."""
         if isinstance(self.chain, EmbeddedChain):
             return self.chain.head
-        return str(self.chain.block(self.chain.block_number)["hash"])
+        return str(self.chain.blocks([self.chain.block_number])[0]["hash"])
 
     def found(self) -> None:
         """Grant the roles, store every policy and register it by its CID."""
