@@ -189,6 +189,16 @@ def test_a_static_call_may_not_write() -> None:
     assert state.storage.get(writer, {}).get(0, 0) == 0
 
 
+def test_a_destroyed_contract_is_an_empty_account() -> None:
+    state = evm.WorldState()
+    state.set_code(0xCCCC, bytes.fromhex("6000ff"))
+    state.nonces[0xCCCC] = 1
+    evm.transact(state, BLOCK, sender=SENDER, to=0xCCCC, data=b"", gas=100_000)
+    state.set_code(TARGET, bytes.fromhex("61cccc3f60005260206000f3"))
+    outcome = evm.transact(state, BLOCK, sender=SENDER, to=TARGET, data=b"", gas=100_000)
+    assert int.from_bytes(outcome.output, "big") == 0  # EXTCODEHASH of no account, not of empty code
+
+
 def test_blocks_are_seen_from_inside() -> None:
     assert result_of(0x42) == 99
     assert result_of(0x43) == 7

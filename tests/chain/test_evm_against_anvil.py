@@ -190,6 +190,8 @@ class Program:
             self.push(int(r.choice([*self.friends, "0x04", "0x02", "0x01", "0x03", "0x05", "0x99"]), 16))
             self.push(r.choice([0, 700, 5000, 50_000, 10_000_000]))
             self.op(opcode, 7 if opcode in (0xF1, 0xF2) else 6, 1)
+            if r.random() < 0.5:
+                self.code += bytes.fromhex("3d600060003e")  # all that came back, into memory
         elif kind == 21:
             for _ in range(3):
                 self.small(60)
@@ -218,8 +220,11 @@ class Program:
             self.code += bytes([0x61, 1, 0xA0, 0x60, 0, 0xA0, 0x60, 64, 0x60, 0, 0xF3])  # logged, then returned
         elif r < 0.8:
             self.code += bytes([0x60, 64, 0x60, 0, 0xFD])
-        elif r < 0.9:
+        elif r < 0.88:
             self.code += bytes([0xFE])
+        elif r < 0.94:
+            self.push(int(self.random.choice(self.friends), 16))
+            self.code.append(0xFF)
         return bytes(self.code)
 
 

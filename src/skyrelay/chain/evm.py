@@ -146,7 +146,7 @@ class WorldState:
 
     def is_empty(self, address: int) -> bool:
         """No balance, nonce or code (EIP-161's dead account)."""
-        return not (self.nonces.get(address) or self.balances.get(address) or self.codes.get(address))
+        return not (self.nonces.get(address) or self.balances.get(address) or self.codes.get(address, NO_CODE).code)
 
     def set_code(self, address: int, code: bytes) -> None:
         """Put a contract at an address."""
