@@ -98,9 +98,7 @@ class _Suitors:
     ) -> None:
         self._preferences = Preferences(vehicles, uavs, settings)
         self._hysteresis = hysteresis
-        # The place that was asked last: (QoU, UAV), before the head of the list at the start.
-        self._uav = np.full(len(vehicles), -1, dtype=np.int64)
-        self._qou = np.full(len(vehicles), np.inf)
+        self._place = np.zeros(len(vehicles), dtype=np.int64)  # of the next to ask
         self._incumbent = np.full(len(vehicles), -1, dtype=np.int64)
         self._incumbent_qou = np.full(len(vehicles), -np.inf)
         self._incumbent_asked = np.zeros(len(vehicles), dtype=bool)
@@ -113,13 +111,13 @@ class _Suitors:
 
     def ask(self, rows: IntArray) -> tuple[IntArray, FloatArray]:
         """The UAV that each of ``rows`` asks next, or -1, and its QoU."""
-        uav, qou = self._preferences.after(rows, self._uav[rows], self._qou[rows])
+        uav, qou = self._preferences.at(rows, self._place[rows])
         # An incumbent that was asked early comes up once more at its own place in the list: pass over it there.
         again = (uav >= 0) & (uav == self._incumbent[rows]) & self._incumbent_asked[rows]
-        uav[again], qou[again] = self._preferences.after(rows[again], uav[again], qou[again])
+        self._place[rows[again]] += 1
+        uav[again], qou[again] = self._preferences.at(rows[again], self._place[rows[again]])
         stays = (self._incumbent[rows] >= 0) & ~self._incumbent_asked[rows]
         stays &= self._incumbent_qou[rows] + self._hysteresis >= qou
         self._incumbent_asked[rows[stays]] = True
-        leaves = ~stays & (uav >= 0)
-        self._uav[rows[leaves]], self._qou[rows[leaves]] = uav[leaves], qou[leaves]
+        self._place[rows[~stays]] += 1
         return np.where(stays, self._incumbent[rows], uav), np.where(stays, self._incumbent_qou[rows], qou)

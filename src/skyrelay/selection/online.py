@@ -153,9 +153,9 @@ class _Step:
         good &= (best >= 0) | np.isneginf(best_qou)
 
         searching = np.flatnonzero(~good)
-        best[searching], best_qou[searching] = Preferences(vehicles, uavs, settings).first_of(searching)
+        best[searching], best_qou[searching] = Preferences(vehicles, uavs, settings).first(searching)
         staying, changed = np.flatnonzero(good), np.flatnonzero(~self._same_uav)
-        offered, offered_qou = Preferences(vehicles, _take(uavs, changed), settings).first_of(staying)
+        offered, offered_qou = Preferences(vehicles, _take(uavs, changed), settings).first(staying)
         offered = np.append(changed, -1)[offered]
         better = (offered_qou > best_qou[staying]) | (
             (offered_qou == best_qou[staying]) & (offered >= 0) & (offered < best[staying])

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from skyrelay.core.entities import FloatArray, IntArray, UavTable, VehicleTable
 from skyrelay.core.errors import SelectionError
 from skyrelay.core.scenario import Selection as Settings
-from skyrelay.selection.quality import BoolArray, closeness, distance, qou, standing
+from skyrelay.selection.quality import BoolArray, closeness, distance, pair_qou, qou, standing
 
 _BLOCK_PAIRS = 65_536  # the working arrays of a block then stay in a core's cache
 _BLOCK_VEHICLES = 256  # aimed at when an area is cut into cells
@@ -36,7 +36,7 @@ def propose(
     Source: Algorithm 1.
     """
     if excluded is None:
-        return Preferences(vehicles, uavs, settings).first()[0]
+        return Preferences(vehicles, uavs, settings).first(np.arange(len(vehicles), dtype=np.int64))[0]
     mask = np.asarray(excluded, dtype=bool)
     if mask.shape != (len(vehicles), len(uavs)):
         raise SelectionError("excluded.shape", mask.shape, f"the shape {(len(vehicles), len(uavs))}")
@@ -48,50 +48,72 @@ def propose(
 
 
 class Preferences:
-    """Every vehicle's list of candidates in descending QoU, the first of equals first, read without being stored.
+    """Every vehicle's list of candidates: in descending QoU, the first of equals first, none of QoU 0.
 
-    A vehicle's place in its list is the pair (QoU, UAV) it asked last; the next is the best pair after it.
+    The heads are found without making the lists; the lists are made, in 4 bytes a candidate pair, when something
+    behind a head is asked for.
     """
 
     def __init__(self, vehicles: VehicleTable, uavs: UavTable, settings: Settings) -> None:
         self._vehicles, self._uavs, self._settings = vehicles, uavs, settings
         self._standing = standing(uavs, settings)
         self._zones = _by_zone(uavs.zone)
+        self._lists: _Lists | None = None
 
-    def first(self) -> tuple[IntArray, FloatArray]:
-        """The head of each list: [V] UAV or -1, and [V] its QoU, -inf where there is none."""
-        return self.first_of(np.arange(len(self._vehicles), dtype=np.int64))
-
-    def first_of(self, rows: IntArray) -> tuple[IntArray, FloatArray]:
-        """The head of the lists of some vehicles; ``rows`` [R] are distinct."""
-        return self._search(rows, None)
-
-    def after(self, rows: IntArray, uav: IntArray, qou_there: FloatArray) -> tuple[IntArray, FloatArray]:
-        """The next of each list after the place (``qou_there``, ``uav``).
+    def at(self, rows: IntArray, place: IntArray) -> tuple[IntArray, FloatArray]:
+        """What stands at a place of the lists.
 
         Args:
             rows: [R] indices of vehicles, all distinct.
-            uav, qou_there: [R] where each list was left; any UAV and infinity: before its head.
-        Returns: [R] UAV or -1, and [R] its QoU, -inf where the list has ended.
+            place: [R] counted from 0.
+        Returns: [R] UAV, -1 behind the list's end, and [R] its QoU, -inf there.
         """
-        return self._search(rows, None if np.isposinf(qou_there).all() else (uav, qou_there))
-
-    def _search(self, rows: IntArray, place: tuple[IntArray, FloatArray] | None) -> tuple[IntArray, FloatArray]:
-        best = np.full(len(rows), -1, dtype=np.int64)
+        if self._lists is None and not place.any():
+            return self.first(rows)
+        if self._lists is None:
+            self._lists = self._make_lists()
+        uav = self._lists.at(rows, place)
         score = np.full(len(rows), -np.inf)
-        scratch = _Scratch()
-        for where, columns in self._blocks(rows, prune=place is None):
-            height = max(1, _BLOCK_PAIRS // max(1, len(columns)))
-            for start in range(0, len(where), height):
-                part = where[start : start + height]
-                asked = None if place is None else (place[0][part], place[1][part])
-                best[part], score[part] = self._search_block(rows[part], columns, asked, scratch)
-        return best, score
+        found = uav >= 0
+        score[found] = pair_qou(self._vehicles, self._uavs, rows[found], uav[found], self._settings)
+        return uav, score
 
-    def _search_block(
-        self, rows: IntArray, columns: IntArray, asked: tuple[IntArray, FloatArray] | None, scratch: _Scratch
-    ) -> tuple[IntArray, FloatArray]:
-        """The best of ``columns`` (ascending) for each of ``rows``: `quality.qou` in place, in the same order of steps.
+    def first(self, rows: IntArray) -> tuple[IntArray, FloatArray]:
+        """The heads of the lists of ``rows`` [R] (Algorithm 1): [R] UAV or -1, and [R] its QoU or -inf."""
+        best = np.full(len(rows), -1, dtype=np.int64)
+        best_score = np.full(len(rows), -np.inf)
+        for part, columns, score in self._scored(rows, prune=True):
+            choice = score.argmax(axis=1)
+            value = score[np.arange(len(part)), choice]
+            found = value > 0.0
+            best[part] = np.where(found, columns[choice], -1)
+            best_score[part] = np.where(found, value, -np.inf)
+        return best, best_score
+
+    def _make_lists(self) -> _Lists:
+        start = np.zeros(len(self._vehicles), dtype=np.int64)
+        length = np.zeros(len(self._vehicles), dtype=np.int64)
+        pieces, end = [np.empty(0, dtype=np.int32)], 0
+        for part, columns, score in self._scored(np.arange(len(self._vehicles), dtype=np.int64), prune=False):
+            count = (score > 0.0).sum(axis=1)
+            order = np.argsort(np.negative(score, out=score), axis=1, kind="stable")[:, : count.max(initial=0)]
+            pieces.append(columns[order[np.arange(order.shape[1]) < count[:, None]]].astype(np.int32))
+            start[part] = end + np.cumsum(count) - count
+            length[part] = count
+            end += int(count.sum())
+        return _Lists(np.concatenate(pieces), start, length)
+
+    def _scored(self, rows: IntArray, prune: bool) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
+        """Positions in ``rows``, UAVs (ascending), and the QoU of the ones for the others, -inf for no candidate."""
+        scratch = _Scratch()
+        for where, columns in self._blocks(rows, prune):
+            height = max(1, _BLOCK_PAIRS // max(1, len(columns)))
+            for begin in range(0, len(where), height):
+                part = where[begin : begin + height]
+                yield part, columns, self._score(rows[part], columns, scratch)
+
+    def _score(self, rows: IntArray, columns: IntArray, scratch: _Scratch) -> FloatArray:
+        """`quality.qou` of a block in place, in the same order of steps.
 
         Writing into arrays that stay in the cache makes this five times as fast as the plain expression.
         """
@@ -113,14 +135,7 @@ class Preferences:
         np.multiply(100.0, score, out=score)
         if settings.candidates == "range":
             np.copyto(score, -np.inf, where=mask)
-        if asked is not None:
-            uav, qou_there = asked
-            passed = (score > qou_there[:, None]) | ((score == qou_there[:, None]) & (columns <= uav[:, None]))
-            np.copyto(score, -np.inf, where=passed)
-        choice = score.argmax(axis=1)
-        value = score[np.arange(len(rows)), choice]
-        found = value > 0.0
-        return np.where(found, columns[choice], -1), np.where(found, value, -np.inf)
+        return score
 
     def _blocks(self, rows: IntArray, prune: bool) -> Iterator[tuple[IntArray, IntArray]]:
         """Positions in ``rows`` and, ascending, the UAVs that these vehicles have to look at."""
@@ -176,6 +191,27 @@ class Preferences:
         if settings.candidates == "range":
             at_worst = at_worst[furthest <= settings.max_distance]
         return np.sort(columns[at_best >= at_worst.max()] if len(at_worst) else columns)
+
+
+@dataclass(frozen=True)
+class _Lists:
+    """Lists of UAVs, one behind the other.
+
+    Attributes:
+        uav: [P].
+        start, length: [V] of each vehicle's list.
+    """
+
+    uav: npt.NDArray[np.int32]
+    start: IntArray
+    length: IntArray
+
+    def at(self, rows: IntArray, place: IntArray) -> IntArray:
+        """[R] UAV at each place of the lists of ``rows``, -1 behind the end."""
+        there = place < self.length[rows]
+        result = np.full(len(rows), -1, dtype=np.int64)
+        result[there] = self.uav[self.start[rows[there]] + place[there]]
+        return result
 
 
 @dataclass
