@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
 
-from skyrelay.coordination import dynamics
+from skyrelay.coordination import dynamics, reward
 from skyrelay.coordination.dynamics import Traffic
 from skyrelay.coordination.observation import observe as observe_maps
 from skyrelay.coordination.reward import Score, score
@@ -141,6 +141,14 @@ def observe(state: State) -> UInt8[Array, "uavs 6 n n"]:
 def measure(state: State) -> Score:
     """Reward, coverage and connectivity of a state."""
     return score(state.uavs, state.active, state.traffic.position, state.served_by, state.parameters.reach)
+
+
+def potential(state: State) -> Float[Array, " uavs"]:
+    """Of each UAV, `skyrelay.coordination.reward.potential` of a state."""
+    position, parameters = state.traffic.position, state.parameters
+    return reward.potential(
+        state.uavs, state.active, position, state.served_by, parameters.reach, parameters.uav_step
+    )
 
 
 def _drive(state: State) -> tuple[Traffic, Int[Array, " vehicles"]]:

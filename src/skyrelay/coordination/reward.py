@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from skyrelay.core.flight import connectivity, connectivity_neighbor, coverage, links
+from skyrelay.core.flight import connectivity, connectivity_neighbor, coverage, links, served
+
+POTENTIAL_STEPS = 10.0
+POTENTIAL_RANGE = 0.9
+"""Share of the range within which the potential sees no cost: better a little before the edge than on it."""
 
 
 class Score(NamedTuple):
@@ -17,12 +22,15 @@ class Score(NamedTuple):
         coverage: share of the vehicles inside their own UAV's range.
         connectivity: 1 where a path of links joins every two UAVs, else 0.
         connectivity_neighbor: 1 where each UAV has at least one neighbour, else 0 (the paper's results text).
+        credit: of each UAV, what it answers for itself: minus the share of all vehicles that are its own and out of its
+            range, plus (connectivity - 1). Summed over the team, the coverage part is Eq. 3's.
     """
 
     reward: Float[Array, ""]
     coverage: Float[Array, ""]
     connectivity: Float[Array, ""]
     connectivity_neighbor: Float[Array, ""]
+    credit: Float[Array, " uavs"]
 
 
 def score(
@@ -38,6 +46,43 @@ def score(
     """
     graph = links(uavs, reach, active)
     covered = coverage(uavs, vehicles, owner, reach)
+    missed = (owner >= 0) & ~served(uavs, vehicles, owner, reach)
+    own = owner == jnp.arange(uavs.shape[0])[:, None]
+    share = jnp.sum(missed & own, -1) / jnp.maximum(jnp.sum(owner >= 0), 1)
     connected = connectivity(graph, active).astype(covered.dtype)
     neighbored = connectivity_neighbor(graph, active).astype(covered.dtype)
-    return Score((covered - 1.0) + (connected - 1.0), covered, connected, neighbored)
+    reward = (covered - 1.0) + (connected - 1.0)
+    return Score(reward, covered, connected, neighbored, (connected - 1.0) - share)
+
+
+def potential(
+    uavs: Float[Array, "uavs 2"],
+    active: Bool[Array, " uavs"],
+    vehicles: Float[Array, "vehicles 2"],
+    owner: Int[Array, " vehicles"],
+    reach: Float[Array, ""],
+    uav_step: Float[Array, ""],
+) -> Float[Array, " uavs"]:
+    """For each UAV, roughly the credit that is already lost: minus the steps until all is in range, times their cost.
+
+    A vehicle out of range costs its share of all vehicles for each step that its UAV needs to reach it; a team that is
+    cut in two costs 1 for each step that the gap takes to close from both sides. As a potential (Ng et al. 1999) it
+    shapes the reward without changing which policy is best: it tells a UAV that it is on the way.
+
+    Returns: at most 0; each part is bounded by `POTENTIAL_STEPS` steps.
+    """
+    rows = jnp.arange(uavs.shape[0])
+    away = jnp.sqrt(jnp.sum((uavs[:, None] - vehicles[None]) ** 2, -1))
+    steps_away = jnp.clip((away - POTENTIAL_RANGE * reach) / uav_step, 0.0, POTENTIAL_STEPS)
+    own = owner[None] == rows[:, None]
+    late = jnp.sum(jnp.where(own, steps_away, 0.0), -1) / jnp.maximum(jnp.sum(owner >= 0), 1)
+
+    # The longest hop that cannot be avoided on the way from the first UAV to any other (minimax path).
+    hop = jnp.sqrt(jnp.sum((uavs[:, None] - uavs[None]) ** 2, -1))
+    hop = jnp.where(active[:, None] & active[None], hop, jnp.inf)
+    longest = hop[0]
+    for _ in range(uavs.shape[0] - 2):
+        longest = jnp.minimum(longest, jnp.min(jnp.maximum(longest[:, None], hop), axis=0))
+    gap = jnp.max(jnp.where(active & (rows > 0), longest, 0.0)) - POTENTIAL_RANGE * reach
+    apart = jnp.clip(gap / (2.0 * uav_step), 0.0, POTENTIAL_STEPS)
+    return -(late + apart)

@@ -48,6 +48,9 @@ class Hyperparameters:
         entropy: weight of the entropy bonus.
         value: weight of the critic's loss.
         max_gradient: largest norm of the gradient.
+        own_credit: learn from what each UAV answers for itself (`Score.credit`), not from the team's reward: the other
+            UAVs' coverage is noise that its action hardly changes. Tests and evaluation always use the reward of Eq. 3.
+        shaping: add gamma Phi(s') - Phi(s), Phi being `skyrelay.coordination.reward.potential`.
         symmetries: optimise on experience that is turned and mirrored at random.
     """
 
@@ -65,6 +68,8 @@ class Hyperparameters:
     entropy: float = 0.01
     value: float = 0.5
     max_gradient: float = 0.5
+    own_credit: bool = False
+    shaping: bool = False
     symmetries: bool = False
 
     @property
@@ -161,19 +166,23 @@ def collect(learner: Learner, config: Hyperparameters, domain: Domain) -> tuple[
         log_probability = jnp.take_along_axis(log_probabilities, action[..., None], -1)[..., 0]
         value = look(learner.critic, maps)[..., 0]
         moved, transition = jax.vmap(game.step)(games, action)
+        reward = jnp.broadcast_to(transition.score.reward[:, None], value.shape)
+        if config.own_credit:
+            reward = transition.score.credit
+        if config.shaping:
+            reward = reward + config.gamma * jax.vmap(game.potential)(moved) - jax.vmap(game.potential)(games)
         over = transition.truncated
         last = _where(over, moved, last)
-        row = (maps, action, log_probability, value, games.active, transition.score, over)
+        row = (maps, action, log_probability, value, games.active, reward, transition.score, over)
         return (_where(over, fresh, moved), last), row
 
     (games, last), rows = jax.lax.scan(play, (learner.games, learner.games), jax.random.split(k_play, config.horizon))
-    maps, action, log_probability, value, active, score, over = rows
+    maps, action, log_probability, value, active, reward, score, over = rows
 
     # The value of the state that each step led to: the next row's, or the last state's of a game that was cut short.
     value_now = look(learner.critic, jax.vmap(game.observe)(games))[..., 0]
     value_last = look(learner.critic, jax.vmap(game.observe)(last))[..., 0]
     next_value = jnp.where(over[..., None], value_last, jnp.concatenate([value[1:], value_now[None]]))
-    reward = jnp.broadcast_to(score.reward[..., None], value.shape)
     stop = jnp.broadcast_to(over[..., None], value.shape)
     advantage = advantages(reward, value, next_value, stop, config.gamma, config.decay)
 
@@ -256,7 +265,7 @@ def update(
 
     actor, critic = eqx.combine(arrays, static)
     metrics = {name: jnp.mean(value) for name, value in parts.items()}
-    metrics |= {name: jnp.mean(value) for name, value in score._asdict().items()}
+    metrics |= {name: jnp.mean(value) for name, value in score._asdict().items() if name != "credit"}
     return Learner(actor, critic, state, learner.games, key, learner.updates + 1), metrics
 
 

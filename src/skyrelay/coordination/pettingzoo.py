@@ -1,0 +1,150 @@
+"""The game as a PettingZoo ParallelEnv, for libraries that train on that interface."""
+
+from __future__ import annotations
+
+from functools import lru_cache, partial
+from typing import Any
+
+import gymnasium
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+import pettingzoo
+
+from skyrelay.coordination import game
+from skyrelay.coordination.settings import Domain, Shape, physical
+from skyrelay.core.errors import UsageError
+from skyrelay.core.flight import ACTIONS
+from skyrelay.core.maps import CHANNELS, VEHICLE_SCALE, normalise
+
+
+def parallel_env(uavs: int = 3, vehicles: int = 20, n: int = 11, steps: int = 100) -> UavCoordination:
+    """The preset ``paper`` (docs/reference/game.md) with a fixed team: what most users want."""
+    return UavCoordination(Shape(uavs, vehicles, n=n, steps=steps), physical((uavs, uavs), (vehicles, vehicles)))
+
+
+class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int]):
+    """N UAVs keep their own vehicles in range and the team linked.
+
+    Agents are ``uav_0`` ... Observations are six maps [6, n, n], float32, normalised; actions 0..8; the reward is Eq. 3
+    and the same for all. An episode is truncated after ``shape.steps`` steps and never terminates.
+
+    Args:
+        shape: compiled sizes.
+        domain: games to draw from; its team size is fixed.
+    Raises:
+        UsageError: the domain's team size varies or is not the shape's.
+    """
+
+    metadata: dict[str, Any] = {"name": "skyrelay_coordination_v0", "render_modes": []}  # noqa: RUF012, the API's form
+
+    def __init__(self, shape: Shape, domain: Domain) -> None:
+        if domain.uavs != (shape.uavs, shape.uavs):
+            raise UsageError("domain.uavs", domain.uavs, f"({shape.uavs}, {shape.uavs}), the shape's team size")
+        if domain.vehicles[1] > shape.vehicles:
+            raise UsageError("domain.vehicles", domain.vehicles, f"at most the shape's {shape.vehicles}")
+        self.shape, self.domain = shape, domain
+        self.render_mode = None
+        self.possible_agents = [f"uav_{number}" for number in range(shape.uavs)]
+        self.agents: list[str] = []
+        # Largest levels: a UAV's own cell, all its vehicles in one cell, every mate in one cell, a block in all ranges.
+        tops = [1.0, VEHICLE_SCALE, 1.0, max(shape.uavs - 1, 1), shape.uavs / 2, VEHICLE_SCALE]
+        high = np.broadcast_to(np.array(tops, np.float32)[:, None, None], (CHANNELS, shape.n, shape.n))
+        self._observation_space = gymnasium.spaces.Box(np.zeros_like(high), high.copy(), dtype=np.float32)
+        self.observation_spaces = {agent: self.observation_space(agent) for agent in self.possible_agents}
+        self.action_spaces = {agent: self.action_space(agent) for agent in self.possible_agents}
+        self._key: jax.Array | None = None
+        self._state: game.State | None = None
+
+    @lru_cache(maxsize=None)  # noqa: B019, the API wants the same object each time
+    def observation_space(self, agent: str) -> gymnasium.spaces.Box:
+        """The six maps of one UAV; each agent has its own space, so that each can be seeded."""
+        space = self._observation_space
+        return gymnasium.spaces.Box(space.low, space.high, dtype=np.float32)
+
+    @lru_cache(maxsize=None)  # noqa: B019
+    def action_space(self, agent: str) -> gymnasium.spaces.Discrete:
+        """0 stays; k in 1..8 flies towards 2 pi k / 8."""
+        return gymnasium.spaces.Discrete(ACTIONS)
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, npt.NDArray[np.float32]], dict[str, dict[str, Any]]]:
+        """Begin an episode; without a seed, the next one of the sequence that the last seed began."""
+        if seed is not None or self._key is None:
+            chosen = seed if seed is not None else int(np.random.default_rng().integers(2**31))
+            self._key = jax.random.key(chosen)
+        self._key, key = jax.random.split(self._key)
+        self._state, maps = _reset(key, self.shape, self.domain)
+        self.agents = self.possible_agents[:]
+        return self._by_agent(maps), {agent: {} for agent in self.agents}
+
+    def step(
+        self, actions: dict[str, int]
+    ) -> tuple[
+        dict[str, npt.NDArray[np.float32]],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        """All UAVs move at once.
+
+        Returns: observations, rewards, terminations, truncations and infos (coverage, connectivity,
+            connectivity_neighbor) by agent.
+        """
+        if self._state is None or not self.agents:
+            raise RuntimeError("call reset() before step(): there is no episode in play")
+        row = np.array([actions[agent] for agent in self.agents], dtype=np.int32)
+        self._state, maps, score, truncated = _step(self._state, jnp.asarray(row))
+        over = bool(truncated)
+        measures = {
+            "coverage": float(score.coverage),
+            "connectivity": float(score.connectivity),
+            "connectivity_neighbor": float(score.connectivity_neighbor),
+        }
+        observations = self._by_agent(maps)
+        rewards = {agent: float(score.reward) for agent in self.agents}
+        terminations = {agent: False for agent in self.agents}
+        truncations = {agent: over for agent in self.agents}
+        infos: dict[str, dict[str, Any]] = {agent: dict(measures) for agent in self.agents}
+        if over:
+            self.agents = []
+        return observations, rewards, terminations, truncations, infos
+
+    def state(self) -> npt.NDArray[np.float32]:
+        """The whole game for a centralised critic.
+
+        Returns: [3 N + 4 V] x and y of each UAV and whether it is active; x, y, own UAV's row and presence of each
+            vehicle. Positions are in zone sides.
+        """
+        if self._state is None:
+            raise RuntimeError("call reset() before state(): there is no episode in play")
+        now = self._state
+        uavs = np.column_stack([np.asarray(now.uavs), np.asarray(now.active)])
+        vehicles = np.column_stack([np.asarray(x) for x in (now.traffic.position, now.owner, now.present)])
+        return np.concatenate([uavs.reshape(-1), vehicles.reshape(-1)]).astype(np.float32)
+
+    def render(self) -> None:
+        """There is no rendering: `skyrelay run` writes a page that replays a run."""
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+    def _by_agent(self, maps: jax.Array) -> dict[str, npt.NDArray[np.float32]]:
+        rows = np.asarray(maps)
+        return {agent: rows[number] for number, agent in enumerate(self.possible_agents)}
+
+
+@partial(jax.jit, static_argnums=(1, 2))
+def _reset(key: jax.Array, shape: Shape, domain: Domain) -> tuple[game.State, jax.Array]:
+    k_draw, k_reset = jax.random.split(key)
+    state = game.reset(k_reset, shape, domain.draw(k_draw))
+    return state, normalise(game.observe(state), shape.zoom)
+
+
+@jax.jit
+def _step(state: game.State, actions: jax.Array) -> tuple[game.State, jax.Array, game.Score, jax.Array]:
+    state, transition = game.step(state, actions)
+    return state, normalise(transition.observation, state.shape.zoom), transition.score, transition.truncated
