@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -47,6 +48,30 @@ def command(
         write_figures(folder)
         progress.advance()
         write_report(folder)
-    print_result(summary, as_json)
-    if not as_json:
-        typer.echo(f"\nOpen {target / 'report.html'} in a browser.")
+    if as_json:
+        print_result(summary, as_json)
+    else:
+        for name, line in _lines(summary, target):
+            typer.echo(f"{name:<13} {line}")
+
+
+def _lines(s: Mapping[str, Any], folder: Path) -> Iterator[tuple[str, str]]:
+    """The summary for people."""
+    yield "Vehicles", f"{s['vehicles']:,} connected, {s['vehicles_per_period']:,.0f} at a time"
+    yield "UAVs", f"{s['uavs']:,} over {s['zones']} zones; {s['uavs_retired']} left with an empty battery"
+    qualities = "" if s["mean_qou"] is None else f"; mean QoU {s['mean_qou']:.1f}, mean QoV {s['mean_qov']:.1f}"
+    yield "Selection", f"{s['periods']} periods, {s['served_per_period']:,.0f} vehicles served at a time{qualities}"
+    yield (
+        "Coverage",
+        f"{s['coverage']:.1%} of the served vehicles in range ({s['static_coverage']:.1%} if UAVs hovered)",
+    )
+    yield (
+        "Connectivity",
+        f"{s['connectivity']:.1%} of the time a team is linked ({s['static_connectivity']:.1%}); "
+        f"every UAV has a neighbour {s['connectivity_neighbor']:.1%}",
+    )
+    yield "Bandwidth", f"{s['served_mbps']:,.0f} Mbit/s in range ({s['static_served_mbps']:,.0f})"
+    yield "Chain", f"{s['transactions']:,} transactions, {s['gas_used']:,} gas, {s['blocks']} blocks"
+    yield "Policies", ", ".join(s["model_cids"]) or "none was needed"
+    yield "Time", f"{s['wall_seconds']:.1f} s, {s['chain_seconds']:.1f} s of it on the chain"
+    yield "Report", f"{folder / 'report.html'}: open it in a browser"
