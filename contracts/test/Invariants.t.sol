@@ -158,39 +158,7 @@ contract Handler is Fixture {
         uint256[VEHICLES] memory served;
         uint256 selectedInAll;
         for (uint32 zone = 1; zone <= ZONES; ++zone) {
-            ZoneInfo memory z = more.getZoneInfo(zone);
-            address[] memory uavs = relay.getZoneUAV(zone);
-            uint256 vehicles;
-            uint256 selecting;
-            for (uint256 i = 0; i < uavs.length; ++i) {
-                UAVInfo memory u = relay.getUAVInfo(uavs[i]);
-                equal(u.zone, zone, "a zone's list holds a UAV of another zone");
-                uint256 promised;
-                uint256 held;
-                VehicleSelection[] memory proposals = more.getProposals(uavs[i]);
-                for (uint256 k = 0; k < proposals.length; ++k) {
-                    VehicleSelection memory p = proposals[k];
-                    if (p.vehicle == address(0)) continue;
-                    if (p.status == ProposalStatus.Rejected) continue;
-                    // Open and selected proposals are their vehicle's own, and its only one.
-                    (ProposalStatus known, address to, uint16 index) = more.getVehicleSelection(p.vehicle);
-                    check(known == p.status && to == uavs[i] && index == k, "a dangling entry");
-                    equal(more.getVehicleInfo(p.vehicle).zone, zone, "a vehicle of another zone");
-                    if (p.status == ProposalStatus.Selected) {
-                        promised += p.demand;
-                        ++held;
-                        ++served[uint160(p.vehicle) - 0x100000];
-                    }
-                }
-                check(promised <= u.bandwidth, "a UAV promised more than its bandwidth");
-                equal(u.available, u.bandwidth - promised, "available bandwidth");
-                vehicles += held;
-                if (held != 0) ++selecting;
-            }
-            equal(z.selectedVehicles, vehicles, "selected vehicles of a zone");
-            equal(z.selectedUAVs, selecting, "selecting UAVs of a zone");
-            equal(more.getSelectedUAVs(zone).length, selecting, "list of selecting UAVs");
-            selectedInAll += vehicles;
+            selectedInAll += checkZone(zone, served);
         }
         uint256 selected;
         for (uint256 i = 0; i < VEHICLES; ++i) {
@@ -202,6 +170,50 @@ contract Handler is Fixture {
         for (uint256 i = 0; i < UAVS; ++i) {
             check(record(uav(i)) == expected[uav(i)], "a UAV's record was written by another");
         }
+    }
+
+    function checkZone(uint32 zone, uint256[VEHICLES] memory served) private view returns (uint256 vehicles) {
+        address[] memory uavs = relay.getZoneUAV(zone);
+        uint256 selecting;
+        for (uint256 i = 0; i < uavs.length; ++i) {
+            uint256 held = checkUAV(uavs[i], zone, served);
+            vehicles += held;
+            if (held != 0) ++selecting;
+        }
+        ZoneInfo memory z = more.getZoneInfo(zone);
+        equal(z.selectedVehicles, vehicles, "selected vehicles of a zone");
+        equal(z.selectedUAVs, selecting, "selecting UAVs of a zone");
+        equal(more.getSelectedUAVs(zone).length, selecting, "list of selecting UAVs");
+    }
+
+    function checkUAV(address member, uint32 zone, uint256[VEHICLES] memory served)
+        private
+        view
+        returns (uint256 held)
+    {
+        UAVInfo memory u = relay.getUAVInfo(member);
+        equal(u.zone, zone, "a zone's list holds a UAV of another zone");
+        uint256 promised;
+        VehicleSelection[] memory proposals = more.getProposals(member);
+        for (uint256 k = 0; k < proposals.length; ++k) {
+            VehicleSelection memory p = proposals[k];
+            if (p.vehicle == address(0) || p.status == ProposalStatus.Rejected) continue;
+            checkOpen(p, member, k, zone);
+            if (p.status == ProposalStatus.Selected) {
+                promised += p.demand;
+                ++held;
+                ++served[uint160(p.vehicle) - 0x100000];
+            }
+        }
+        check(promised <= u.bandwidth, "a UAV promised more than its bandwidth");
+        equal(u.available, u.bandwidth - promised, "available bandwidth");
+    }
+
+    /// @dev Open and selected proposals are their vehicle's own, and its only one.
+    function checkOpen(VehicleSelection memory p, address member, uint256 k, uint32 zone) private view {
+        (ProposalStatus known, address to, uint16 index) = more.getVehicleSelection(p.vehicle);
+        check(known == p.status && to == member && index == k, "a dangling entry");
+        equal(more.getVehicleInfo(p.vehicle).zone, zone, "a vehicle of another zone");
     }
 
     /// @dev Every zone can be brought to the end of its round, whatever happened, in pieces of any size.

@@ -30,7 +30,10 @@ UAVS, VEHICLES, ZONES = 4, 10, 2
 uav_numbers = st.integers(0, UAVS - 1)
 vehicle_numbers = st.integers(0, VEHICLES - 1)
 zones = st.integers(1, ZONES)
-coordinates = st.integers(-18_000, 18_000)
+coordinates = st.integers(-14_000, 14_000)
+# Round numbers, so that sums meet bandwidths exactly, equal scores and the limits occur.
+demands = st.sampled_from([0, 1, 500, 1_000, 1_500, 4_000, 4_001]) | st.integers(1, 4_000)
+bandwidths = st.sampled_from([0, 500, 1_000, 2_500, 4_000]) | st.integers(0, 9_000)
 
 
 @dataclass
@@ -169,8 +172,9 @@ class SideBySide(RuleBasedStateMachine):
             self.reference.uavs.append(uav)
             calls.append(self.client.register_uav(name, self._uav_record(uav)))
         for i, name in enumerate(self.vehicle_names):
-            x, y = data.draw(st.tuples(coordinates, coordinates))
-            vehicle = ReferenceVehicle(x, y, data.draw(st.integers(0, 700)), 1 + i % ZONES)
+            x, y = data.draw(st.tuples(coordinates, coordinates) | st.just((0, 0)))
+            payment = data.draw(st.integers(0, 700) | st.just(100))
+            vehicle = ReferenceVehicle(x, y, payment, 1 + i % ZONES)
             self.reference.vehicles.append(vehicle)
             calls.append(self.client.register_vehicle(name, self._vehicle_record(vehicle)))
         self.client.execute(grants + calls)
@@ -192,24 +196,39 @@ class SideBySide(RuleBasedStateMachine):
         found = None if receipt.status else self.client.refusal(call, receipt).error
         assert found == expected
 
-    @rule(v=vehicle_numbers, u=uav_numbers, demand=st.integers(0, 4_001), late=st.sampled_from([0, 0, 0, -1, 1]))
+    @rule(v=vehicle_numbers, u=uav_numbers, demand=demands, late=st.sampled_from([0, 0, 0, -1, 1]))
     def submit(self, v: int, u: int, demand: int, late: int) -> None:
         round_ = self.reference.rounds.get(self.reference.uavs[u].zone, 1) + late
         call = self.client.submit_veh_selection(self.vehicle_names[v], self.uav_names[u], demand, round_)
         self._agree(call, self.reference.submit(v, u, demand, round_))
 
-    @rule(zone=zones, demand=st.integers(1, 4_000))
-    def everyone_submits(self, zone: int, demand: int) -> None:
+    @rule(
+        zone=zones,
+        asked=st.lists(demands, min_size=VEHICLES, max_size=VEHICLES),
+        choices=st.lists(st.integers(0, 1), min_size=VEHICLES, max_size=VEHICLES),
+        piece=st.sampled_from([1, 2, 5, 1_000]),
+    )
+    def whole_round(self, zone: int, asked: list[int], choices: list[int], piece: int) -> None:
+        """All vehicles of a zone that are free propose, each to one of two UAVs, and the zone is allocated."""
         for v, vehicle in enumerate(self.reference.vehicles):
-            candidates = [u for u, uav in enumerate(self.reference.uavs) if uav.zone == zone]
-            if vehicle.zone != zone or not candidates:
-                continue
             rejected_by = vehicle.proposal[0] if vehicle.proposal else None
-            u = next((u for u in candidates if u != rejected_by), candidates[0])
-            call = self.client.submit_veh_selection(
-                self.vehicle_names[v], self.uav_names[u], demand, self.reference.rounds[zone]
-            )
-            self._agree(call, self.reference.submit(v, u, demand, self.reference.rounds[zone]))
+            candidates = [u for u, uav in enumerate(self.reference.uavs) if uav.zone == zone and u != rejected_by]
+            if vehicle.zone == zone and candidates:
+                self.submit(v, candidates[choices[v] % len(candidates)], asked[v], 0)
+        self.allocate(zone, piece)
+
+    @rule(data=st.data(), zone=st.integers(0, ZONES))
+    def a_vehicle_with_a_proposal_moves(self, data: st.DataObject, zone: int) -> None:
+        proposing = [v for v, vehicle in enumerate(self.reference.vehicles) if vehicle.proposal is not None]
+        if proposing:
+            v = data.draw(st.sampled_from(proposing))
+            vehicle = self.reference.vehicles[v]
+            self.move_vehicle(v, vehicle.x, vehicle.y, vehicle.payment, zone)
+
+    @rule(u=uav_numbers)
+    def a_uav_offers_what_it_has_promised(self, u: int) -> None:
+        uav = self.reference.uavs[u]
+        self.update_uav(u, uav.x, uav.y, 5_000, uav.committed())
 
     @rule(zone=zones, piece=st.sampled_from([1, 2, 5, 1_000]))
     def allocate(self, zone: int, piece: int) -> None:
@@ -234,7 +253,7 @@ class SideBySide(RuleBasedStateMachine):
         x=coordinates,
         y=coordinates,
         battery=st.sampled_from([0, 1, 5_000, 10_000]),
-        bandwidth=st.integers(0, 9_000),
+        bandwidth=bandwidths,
     )
     def update_uav(self, u: int, x: int, y: int, battery: int, bandwidth: int) -> None:
         record = UavRecord(x / 10, y / 10, 100, battery / 100, bandwidth)
@@ -281,7 +300,7 @@ class SideBySide(RuleBasedStateMachine):
 
 
 SideBySide.TestCase.settings = settings(
-    max_examples=12, stateful_step_count=40, deadline=None, suppress_health_check=list(HealthCheck)
+    max_examples=50, stateful_step_count=30, deadline=None, suppress_health_check=list(HealthCheck)
 )
 TestSideBySide = SideBySide.TestCase
 
