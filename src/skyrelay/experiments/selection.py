@@ -44,7 +44,10 @@ PANELS = (
     ("mean_qou", "mean QoU"),
     ("mean_qov", "mean QoV"),
 )
-RULES = {"range": "zone's UAVs within 3 km", "zone": "all UAVs of the zone"}
+RULES = {"range": "the zone's UAVs within max distance", "zone": "all UAVs of the zone"}
+SIMILAR, MUCH_SMALLER = 0.1, 0.8
+"""What we take "similar" (a ratio so close to 1) and "much smaller" (a ratio below) to mean."""
+
 _SCALES: Mapping[Scale, tuple[Sequence[int], int]] = {
     "smoke": ((20, 80, 160), 5),
     "fast": (range(20, 161, 20), 20),
@@ -184,14 +187,15 @@ def findings(results: Results, rule: str) -> list[Finding]:
     found.append(finding("nnm-stable", text, "holds" if flat else "does not hold"))
 
     few = results.ratio(rule, least, "vehicles_per_uav")
-    text = f"{few.text(2)} times NNM's at {least} UAVs"
-    found.append(finding("few-uavs", text, "holds" if abs(few.mean - 1.0) <= 0.1 else "does not hold"))
+    text = f"{few.text(2)} times NNM's at {least} UAVs (similar: within {SIMILAR:.0%})"
+    found.append(finding("few-uavs", text, "holds" if abs(few.mean - 1.0) <= SIMILAR else "does not hold"))
     more = {uavs: results.ratio(rule, uavs, "vehicles_per_uav") for uavs in many}
     held = [ratio.low > 1.0 for ratio in more.values()]
     found.append(finding("vehicles-per-uav", f"times NNM's: {_at(more)}", _share(held)))
     fewer = {uavs: results.ratio(rule, uavs, "uavs_selected_percent") for uavs in many}
-    held = [ratio.high < 1.0 for ratio in fewer.values()]
-    found.append(finding("fewer-uavs", f"times NNM's: {_at(fewer)}", _share(held)))
+    held = [ratio.high < MUCH_SMALLER for ratio in fewer.values()]
+    text = f"times NNM's: {_at(fewer)} (much smaller: below {MUCH_SMALLER:g})"
+    found.append(finding("fewer-uavs", text, _share(held)))
 
     blocking = {uavs: results.interval(rule, uavs, "two-sided", "blocking_pairs") for uavs in counts}
     measured = ", ".join(f"{value.mean:.1f} at {uavs}" for uavs, value in blocking.items())

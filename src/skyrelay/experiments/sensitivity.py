@@ -110,7 +110,7 @@ def _render(sweep: Sweep, table: pa.Table, folder: Path) -> Rendered:
 
     summary, files = [], []
     for rule, meaning in RULES.items():
-        title = f"{sweep.title}. Candidates: {meaning}; {UAVS} UAVs, {VEHICLES} vehicles, {len(seeds)} seeds"
+        title = f"{sweep.title}\nCandidates: {meaning}; {UAVS} UAVs, {VEHICLES} vehicles, {len(seeds)} seeds"
         figure, axes = panels(2, 2, title)
         for axis, (metric, label, compared) in zip(axes, _PANELS, strict=True):
             axis.axhline(0.0, color="grey", linewidth=0.8)
