@@ -155,13 +155,13 @@ class _Run:
         self._record_period(period, step, views)
         proposals: list[dict[str, Any]] = []
         for round_ in range(1, self.scenario.selection.rounds + 1):
+            if round_ > 1:
+                views = {zone: replace(view, round=self._round_of(zone)) for zone, view in views.items()}
             submitted = self._propose(period, round_, step, views)
             if not submitted:
                 break
             proposals += submitted
             self._allocate({row["zone"] for row in submitted}, step)
-            if round_ < self.scenario.selection.rounds:
-                views = self._reopen(views)
         self._record_proposals(proposals)
         owner = np.array(
             [
@@ -235,13 +235,6 @@ class _Run:
         read = {zone: self._timed(read_zone, self.client, zone) for zone in self.grid.ids}
         return {zone: view for zone, view in read.items() if view is not None}
 
-    def _reopen(self, views: dict[int, ZoneView]) -> dict[int, ZoneView]:
-        """Another round: the zones that were allocated take proposals again, under a new round number."""
-        for coordinator in self.coordinators.values():
-            if coordinator.machine.state is ZoneState.ALLOCATED:
-                coordinator.open_round()
-        return {zone: replace(view, round=self._round_of(zone)) for zone, view in views.items()}
-
     def _round_of(self, zone: int) -> int:
         info = self._timed(self.client.zone_info, zone)
         if info is None:
@@ -278,6 +271,9 @@ class _Run:
     def _allocate(self, zones: set[int], step: int) -> None:
         """allocateZone() in pieces until every zone is decided; vehicles and UAVs learn the result."""
         pending = sorted(zones)
+        for zone in pending:
+            if self.coordinators[zone].machine.state is ZoneState.ALLOCATED:
+                self.coordinators[zone].open_round()
         held: dict[str, list[str]] = {}
         while pending:
             events = self._execute([self.coordinators[zone].allocate(self.client) for zone in pending], step)
