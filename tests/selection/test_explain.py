@@ -132,11 +132,11 @@ def test_bandwidth_that_others_took(tmp_path):
     assert [rival.vehicle for rival in told.asks[0].taken_by] == ["v0", "v1"]
     assert told.reason == (
         "Not served: 2 vehicles before it in u0's list left 1.000 Mbit/s of the 2.000 Mbit/s it asks; "
-        "1 of its candidates were never asked (selection.rounds = 1)."
+        "never asked: 1 candidate (selection.rounds = 1)."
     )
     text = to_text(told)
     assert "place 3 of 3 in its list" in text
-    assert "v1               2.000 Mbit/s   before this vehicle" in text
+    assert "v1   2.000 Mbit/s   before this vehicle" in text
 
 
 def test_a_demand_above_the_uavs_whole_bandwidth(tmp_path):
@@ -146,9 +146,7 @@ def test_a_demand_above_the_uavs_whole_bandwidth(tmp_path):
 
 def test_nobody_in_reach(tmp_path):
     reason = one(tmp_path, vehicles_at([0]), uavs_at([5000])).reason
-    assert (
-        "the nearest of the 1 UAVs of its zone, u0, is 5,000 m away, beyond selection.max_distance (3,000 m)" in reason
-    )
+    assert "the nearest of 1 UAV of its zone, u0, is 5,000 m away, beyond selection.max_distance (3,000 m)" in reason
 
 
 def test_nobody_in_the_zone(tmp_path):

@@ -178,7 +178,10 @@ def to_text(told: Explanation) -> str:
             f"Round {ask.round}: asked {ask.uav} ({_mbps(ask.bandwidth)}), {ask.outcome}{decided}; "
             f"place {ask.rank} of {ask.of} in its list",
         ]
-        lines += [f"  {rival.vehicle:<14} {_mbps(rival.demand):>14}   before this vehicle" for rival in ask.taken_by]
+        width = max((len(rival.vehicle) for rival in ask.taken_by), default=0)
+        lines += [
+            f"  {rival.vehicle:<{width}} {_mbps(rival.demand):>14}   before this vehicle" for rival in ask.taken_by
+        ]
         lines.append(f"  left for {told.vehicle}: {_mbps(ask.left)} of the {_mbps(told.demand)} it asks")
     return "\n".join(lines)
 
@@ -248,14 +251,14 @@ def _reason(
         why = f"in round {last.decided_in} vehicles before it in {last.uav}'s list took its bandwidth"
     elif last.outcome == "refused":
         why = (
-            f"{len(last.taken_by)} vehicles before it in {last.uav}'s list left {_mbps(last.left)} "
+            f"{_counted(len(last.taken_by), 'vehicle')} before it in {last.uav}'s list left {_mbps(last.left)} "
             f"of the {_mbps(mine['demand_kbps'])} it asks"
         )
     else:
         why = f"{last.uav} accepted it, but it was not served in the end (it left, or the UAV did)"
     unasked = len(candidates) - len(asks)
     more = (
-        f"; {unasked} of its candidates were never asked (selection.rounds = {settings.rounds})" if unasked > 0 else ""
+        f"; never asked: {_counted(unasked, 'candidate')} (selection.rounds = {settings.rounds})" if unasked > 0 else ""
     )
     return f"Not served: {why}{more}."
 
@@ -271,7 +274,7 @@ def _without_asking(mine: Mapping[str, Any], candidates: Sequence[Candidate], fl
         return f"no UAV is in its zone ({mine['zone']})"
     nearest = min(there, key=lambda row: _distance(mine, row))
     away = f"{_distance(mine, nearest):,.0f} m away, beyond selection.max_distance ({settings.max_distance:,.0f} m)"
-    return f"the nearest of the {len(there)} UAVs of its zone, {nearest['uav']}, is {away}"
+    return f"the nearest of {_counted(len(there), 'UAV')} of its zone, {nearest['uav']}, is {away}"
 
 
 def _distance(one: Mapping[str, Any], other: Mapping[str, Any]) -> float:
@@ -322,6 +325,10 @@ def _read(run_dir: Path, name: str, period: int | None) -> list[dict[str, Any]]:
         table = table.filter(pc.equal(table["period"], period))
     rows: list[dict[str, Any]] = table.to_pylist()
     return rows
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _mbps(kbps: float) -> str:

@@ -44,9 +44,6 @@ class Selection:
     objective: tuple[str, float] | None = None
     gap: float | None = None
 
-    def __len__(self) -> int:
-        return len(self.assignment)
-
 
 @dataclass(frozen=True)
 class Metrics:
