@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
@@ -44,12 +45,14 @@ def connected(state: game.State, uavs: Float[Array, "*batch uavs 2"]) -> Array:
 
 def _linked(state: game.State, centre: Float[Array, "uavs 2"]) -> Int[Array, " uavs"]:
     goal = jnp.where(connected(state, state.uavs), centre, team_centre(state))
-    options, places, actions = choices(state), state.uavs, []
-    for uav in range(state.shape.uavs):
-        teams = jnp.broadcast_to(places, (options.shape[0], *places.shape)).at[:, uav].set(options[:, uav])
+    options = choices(state)
+
+    def turn(places: Float[Array, "uavs 2"], uav: Int[Array, ""]) -> tuple[Float[Array, "uavs 2"], Int[Array, ""]]:
+        mine = options[:, uav]
+        teams = jnp.broadcast_to(places, options.shape).at[:, uav].set(mine)
         broken = ~connected(state, teams)
         # Two zone sides squared exceed any distance in the zone: a connected choice always wins.
-        action = jnp.argmin(squared(options[:, uav] - goal[uav]) + 4.0 * broken)
-        places = places.at[uav].set(options[action, uav])
-        actions.append(action)
-    return jnp.stack(actions)
+        action = jnp.argmin(squared(mine - goal[uav]) + 4.0 * broken)
+        return places.at[uav].set(mine[action]), action
+
+    return jax.lax.scan(turn, state.uavs, jnp.arange(state.shape.uavs))[1]

@@ -63,16 +63,22 @@ class Planner(Player):
             return worth(_after(state, towards(state, targets)), targets)
 
         targets = _best(of_targets, jnp.concatenate([targets[None], _patterns(state)]))
-        for _ in range(self.sweeps):
-            for uav in range(state.shape.uavs):
-                k_sample, now = jax.random.split(k_sample)
-                points = _points(now, targets[uav], state.uavs[uav], self.samples)
-                targets = _best(of_targets, _with_row(targets, uav, points))
+        scale = jnp.resize(jnp.asarray(SPREAD), (self.samples,))[:, None]
+        spread = scale * jax.random.normal(k_sample, (self.sweeps * state.shape.uavs, self.samples, 2))
 
+        def improve(turn: Int[Array, ""], targets: Float[Array, "uavs 2"]) -> Float[Array, "uavs 2"]:
+            uav = turn % state.shape.uavs
+            sampled = jnp.clip(targets[uav] + spread[turn], 0.0, 1.0)
+            points = jnp.concatenate([targets[uav][None], state.uavs[uav][None], sampled])
+            return _best(of_targets, _with_row(targets, uav, points))
+
+        targets = jax.lax.fori_loop(0, self.sweeps * state.shape.uavs, improve, targets)
         options = choices(state)
-        first = _after(state, towards(state, targets))
-        for uav in range(state.shape.uavs):
-            first = _best(lambda first: worth(first, targets), _with_row(first, uav, options[:, uav]))
+
+        def settle(uav: Int[Array, ""], first: Float[Array, "uavs 2"]) -> Float[Array, "uavs 2"]:
+            return _best(lambda first: worth(first, targets), _with_row(first, uav, options[:, uav]))
+
+        first = jax.lax.fori_loop(0, state.shape.uavs, settle, _after(state, towards(state, targets)))
         return towards(state, first), (key, targets)
 
 
@@ -116,17 +122,8 @@ def _patterns(state: game.State) -> Float[Array, "patterns uavs 2"]:
     return jnp.stack([middle + share * (team_centre(state) - middle) for share in SHRINK])
 
 
-def _points(
-    key: PRNGKeyArray, target: Float[Array, " 2"], uav: Float[Array, " 2"], samples: int
-) -> Float[Array, "points 2"]:
-    """The target, the place itself, and points sampled about the target at several scales."""
-    scale = jnp.resize(jnp.asarray(SPREAD), (samples,))[:, None]
-    sampled = jnp.clip(target + scale * jax.random.normal(key, (samples, 2)), 0.0, 1.0)
-    return jnp.concatenate([target[None], uav[None], sampled])
-
-
 def _with_row(
-    team: Float[Array, "uavs 2"], uav: int, points: Float[Array, "points 2"]
+    team: Float[Array, "uavs 2"], uav: Int[Array, ""], points: Float[Array, "points 2"]
 ) -> Float[Array, "points uavs 2"]:
     """The team once for each point, with one UAV there."""
     return jnp.broadcast_to(team, (len(points), *team.shape)).at[:, uav].set(points)

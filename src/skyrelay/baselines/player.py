@@ -102,16 +102,23 @@ class Episodes(NamedTuple):
         return jnp.concatenate([getattr(self.start, name)[None], getattr(self.steps, name)])
 
 
-@eqx.filter_jit
 def play(player: Player, key: PRNGKeyArray, episodes: int, shape: Shape, domain: Domain) -> Episodes:
-    """Play whole episodes side by side in one compiled program.
+    """Play whole episodes side by side, compiled.
 
     Args:
         key: decides the episodes; the player's own randomness is apart from it.
         episodes: how many; each draws its numbers from ``domain``.
     """
-    games = new_games(key, episodes, shape, domain)
-    games, memory = jax.vmap(player.begin)(jax.random.split(jax.random.fold_in(key, 1), episodes), games)
+    return _played(player, jax.random.fold_in(key, 1), _new_games(key, episodes, shape, domain))
+
+
+_new_games = eqx.filter_jit(new_games)
+"""By itself, so that it is compiled once for all players: it takes longer than most of them."""
+
+
+@eqx.filter_jit
+def _played(player: Player, key: PRNGKeyArray, games: game.State) -> Episodes:
+    games, memory = jax.vmap(player.begin)(jax.random.split(key, games.time.shape[0]), games)
     start = jax.vmap(game.measure)(games)
 
     def turn(carry: tuple[game.State, Memory], time: Int[Array, ""]) -> tuple[tuple[game.State, Memory], Score]:
@@ -124,7 +131,7 @@ def play(player: Player, key: PRNGKeyArray, episodes: int, shape: Shape, domain:
         games, transition = jax.vmap(game.step)(games, actions)
         return (games, memory), transition.score
 
-    _, steps = jax.lax.scan(turn, (games, memory), jnp.arange(shape.steps))
+    _, steps = jax.lax.scan(turn, (games, memory), jnp.arange(games.shape.steps))
     return Episodes(start, steps)
 
 

@@ -12,8 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
+from matplotlib.axes import Axes
 
 from skyrelay.core.files import atomic_path
 from skyrelay.experiments.coordination_findings import findings
@@ -38,8 +40,8 @@ PAPER_NETWORKS = {
 """What the paper says of its actors, by method and team size."""
 MEASURES = (
     ("coverage", "coverage"),
-    ("connectivity_neighbor", "connectivity (each has a neighbour)"),
-    ("connectivity", "connectivity (a path between all)"),
+    ("connectivity_neighbor", "connectivity: a neighbour each"),
+    ("connectivity", "connectivity: a path between all"),
 )
 
 
@@ -58,7 +60,7 @@ class Size:
 
 
 _SCALES: dict[Scale, Size] = {
-    "smoke": Size("fast", (2, 3), (5, 20), 2, 38_400, 9_600, 10, 20),
+    "smoke": Size("fast", (2, 3), (5, 20), 2, 12_800, 3_200, 20, 20),
     "fast": Size("fast", (2, 3, 4, 5), (5, 10, 15, 20), 5, 200_000, 9_600, 40, 200),
     "paper": Size("paper", (2, 3, 4, 5), (5, 10, 15, 20), 5, 1_000_000, 40_000, 40, 200),
 }
@@ -124,10 +126,7 @@ def _draw_curves(results: Results, folder: Path) -> list[Path]:
         for style, vehicles in enumerate(results.vehicles):
             steps, curve = results.curve(OURS, uavs, vehicles)
             line(axis, steps, curve, f"{vehicles} vehicles", style)
-        _paper_level(axis)
-        axis.set_title(f"{uavs} UAVs", fontsize=10)
-        axis.set_xlabel("steps of the team")
-        axis.set_ylabel("return of an episode")
+        _finish_curves(axis, uavs)
     axes[0].legend(fontsize=8)
     return save(figure, folder, "learning-curves")
 
@@ -139,10 +138,7 @@ def _draw_centralized(results: Results, folder: Path) -> list[Path]:
         for style, method in enumerate((OURS, CENTRALIZED)):
             steps, curve = results.curve(method, uavs, most)
             line(axis, steps, curve, method, style)
-        _paper_level(axis)
-        axis.set_title(f"{uavs} UAVs", fontsize=10)
-        axis.set_xlabel("steps of the team")
-        axis.set_ylabel("return of an episode")
+        _finish_curves(axis, uavs)
     axes[0].legend(fontsize=8)
     return save(figure, folder, "centralised")
 
@@ -159,6 +155,7 @@ def _draw_measures(results: Results, folder: Path) -> list[Path]:
             for style, method in enumerate(SHOWN):
                 values = [results.experiments(method, vehicles, measure, number) for vehicles in results.vehicles]
                 line(axis, results.vehicles, values, method, style, faint=style > 1)
+            axis.set_xticks(results.vehicles)
             axis.set_xlabel("vehicles")
             axis.set_ylabel(label)
             axis.set_title(f"{number} experiments a point", fontsize=9)
@@ -177,6 +174,7 @@ def _draw_measures_compared(results: Results, folder: Path) -> list[Path]:
                 results.experiments(method, vehicles, measure, number, COMPARED, most) for vehicles in results.vehicles
             ]
             line(axis, results.vehicles, values, method, style, faint=style > 1)
+        axis.set_xticks(results.vehicles)
         axis.set_xlabel("vehicles")
         axis.set_ylabel(label)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
@@ -185,8 +183,8 @@ def _draw_measures_compared(results: Results, folder: Path) -> list[Path]:
 
 def _draw_steps(results: Results, folder: Path) -> list[Path]:
     titles = (
-        ("connected_step", "first step with a path between all"),
-        ("linked_and_covered_step", "first step with neighbours and full coverage"),
+        ("connected_step", "step of a path between all"),
+        ("linked_and_covered_step", "step of neighbours and full coverage"),
     )
     figure, axes = panels(
         1, 2, f"{OURS}, unseen episodes, {results.seeds} seeds; episodes that never get there left out"
@@ -195,14 +193,28 @@ def _draw_steps(results: Results, folder: Path) -> list[Path]:
         for style, uavs in enumerate(results.uavs):
             values = [results.over_seeds(OURS, uavs, vehicles, measure) for vehicles in results.vehicles]
             line(axis, results.vehicles, values, f"{uavs} UAVs", style)
+        _fit(axis, bottom=0.0)
+        axis.set_xticks(results.vehicles)
         axis.set_xlabel("vehicles")
         axis.set_ylabel(label)
     axes[0].legend(fontsize=8)
     return save(figure, folder, "steps-to-connectivity")
 
 
-def _paper_level(axis: Any) -> None:
+def _finish_curves(axis: Axes, uavs: int) -> None:
     axis.axhspan(-5.0, -4.0, color="grey", alpha=0.25, linewidth=0, label="the paper's level")
+    _fit(axis, top=2.0)
+    axis.set_title(f"{uavs} UAVs", fontsize=10)
+    axis.set_xlabel("steps of the team")
+    axis.set_ylabel("return of an episode")
+
+
+def _fit(axis: Axes, *, bottom: float | None = None, top: float | None = None) -> None:
+    """Show the means whole; an interval of two seeds may reach beyond the frame."""
+    means = np.concatenate([np.asarray(drawn.get_ydata(), dtype=float) for drawn in axis.get_lines()])
+    low, high = float(np.nanmin(means)), float(np.nanmax(means))
+    room = 0.1 * (high - low) + 1e-3
+    axis.set_ylim(low - room if bottom is None else bottom, high + room if top is None else top)
 
 
 def _curve_rows(results: Results) -> list[dict[str, Any]]:
