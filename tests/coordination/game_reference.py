@@ -32,13 +32,26 @@ def observe(uavs, active, vehicles, owner, reach, n, zoom):
                 vehicle_column, vehicle_row = cell(vehicles[v], cells)
                 own[vehicle_row, vehicle_column] += 1
         left, low = (min(max(c - n // 2, 0), cells - n) for c in (column, row))
-        result[i, 0] = location[low : low + n, left : left + n]
-        result[i, 1] = own[low : low + n, left : left + n]
-        for channel, full in ((2, location), (3, team), (4, coverage), (5, own)):
-            for y in range(n):
-                for x in range(n):
-                    result[i, channel, y, x] = full[y * zoom : (y + 1) * zoom, x * zoom : (x + 1) * zoom].sum()
+        result[i, 0] = location[low : low + n, left : left + n] * (2 * zoom) ** 2
+        result[i, 1] = own[low : low + n, left : left + n] * (2 * zoom) ** 2
+        result[i, 2], result[i, 3], result[i, 5] = (bilinear(full, n, zoom) for full in (location, team, own))
+        for y in range(n):
+            for x in range(n):
+                result[i, 4, y, x] = coverage[y * zoom : (y + 1) * zoom, x * zoom : (x + 1) * zoom].sum()
     return result
+
+
+def bilinear(full, n, zoom):
+    """A full map downsampled by the tent filter, in units of 1 / (2 zoom)^2; beyond the border the edge repeats."""
+    coarse = np.zeros((n, n))
+    for row in range(n * zoom):
+        for column in range(n * zoom):
+            y, x = ((index + 0.5) / zoom - 0.5 for index in (row, column))  # in coarse cells, centres at whole numbers
+            for j in range(-1, n + 1):
+                for i in range(-1, n + 1):
+                    share = max(0.0, 1 - abs(y - j)) * max(0.0, 1 - abs(x - i))
+                    coarse[min(max(j, 0), n - 1), min(max(i, 0), n - 1)] += share * full[row, column]
+    return np.rint(coarse * (2 * zoom) ** 2)
 
 
 def cell(position, cells):
@@ -50,17 +63,14 @@ def normalise(levels, zoom):
     """[N, 6, n, n] the network's input, map by map."""
     result = np.zeros(levels.shape, dtype=np.float64)
     for i in range(len(levels)):
-        own = max(int(levels[i, 5].sum()), 1)
+        own = max(int(levels[i, 5].sum()), 1)  # in the same unit as the levels
         for channel in range(6):
             for y in range(levels.shape[2]):
                 for x in range(levels.shape[3]):
                     level = int(levels[i, channel, y, x])
-                    if channel in (1, 5):
-                        result[i, channel, y, x] = 4.0 * level / own
-                    elif channel == 4:
-                        result[i, channel, y, x] = level / (2 * zoom * zoom)
-                    else:
-                        result[i, channel, y, x] = level
+                    point = (2 * zoom) ** 2
+                    scales = (4.0 / point, 8.0 / own, 4.0 / point, 2.0 / point, 0.1 / zoom**2, 8.0 / own)
+                    result[i, channel, y, x] = scales[channel] * level
     return result
 
 

@@ -14,7 +14,7 @@ from skyrelay.policy import observation as flying
 CASES = [
     (seed, n, zoom, uavs, vehicles)
     for seed, (n, zoom, uavs, vehicles) in enumerate(
-        [(3, 2, 1, 1), (5, 2, 2, 5), (5, 3, 3, 9), (11, 2, 3, 20), (11, 3, 8, 40), (19, 2, 5, 20), (7, 2, 4, 0)]
+        [(3, 2, 1, 1), (5, 2, 2, 5), (5, 3, 3, 9), (11, 2, 3, 20), (7, 3, 8, 40), (11, 2, 2, 33), (7, 2, 4, 0)]
     )
 ]
 

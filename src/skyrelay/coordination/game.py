@@ -146,9 +146,7 @@ def measure(state: State) -> Score:
 def potential(state: State) -> Float[Array, " uavs"]:
     """Of each UAV, `skyrelay.coordination.reward.potential` of a state."""
     position, parameters = state.traffic.position, state.parameters
-    return reward.potential(
-        state.uavs, state.active, position, state.served_by, parameters.reach, parameters.uav_step
-    )
+    return reward.potential(state.uavs, state.active, position, state.served_by, parameters.reach, parameters.uav_step)
 
 
 def _drive(state: State) -> tuple[Traffic, Int[Array, " vehicles"]]:

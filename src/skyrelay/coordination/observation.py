@@ -8,12 +8,13 @@ The four maps lie over the zone as a grid of h x h cells, h = zoom x n:
 
 The six maps that the policy gets, each [n, n], row = y from south, column = x from west:
 - LOCAL_LOCATION, LOCAL_VEHICLES: a window of n x n cells of the full map centred on the UAV, shifted inward at borders;
-- GLOBAL_LOCATION, GLOBAL_TEAM, GLOBAL_COVERAGE, GLOBAL_VEHICLES: each zoom x zoom block of the full map, summed.
+- GLOBAL_LOCATION, GLOBAL_TEAM, GLOBAL_VEHICLES: the full map downsampled bilinearly: what is in a cell is shared among
+  the four coarse cells whose centres surround it, so that where it lay between them is not lost;
+- GLOBAL_COVERAGE: each block of zoom x zoom cells, summed.
 
-The sums are whole numbers ("levels"), a byte each: rollouts keep them so. `skyrelay.core.maps.normalise` makes them the
-network's input.
-`skyrelay.policy.observation` computes the same in NumPy for a UAV in flight; the tests hold both against a plain-loop
-reference that does materialise the four maps.
+In units of 1 / (2 zoom)^2 all this is whole numbers ("levels"): rollouts keep them so, a byte each.
+`skyrelay.core.maps.normalise` makes them the network's input. `skyrelay.policy.observation` computes the same in NumPy
+for a UAV in flight; the tests hold both against a plain-loop reference that does materialise the four maps.
 """
 
 from __future__ import annotations
@@ -43,9 +44,9 @@ def observe(
 ) -> UInt8[Array, "uavs 6 n n"]:
     """The six maps of every UAV, as levels, without any h x h map of a UAV.
 
-    Each level is a count, so one scatter-add writes all of them but coverage: the cell of every location, team mate
-    and own vehicle in the maps of the UAV that sees it. Coverage is the same for the whole team and comes from
-    comparing block by block.
+    Everything but coverage is points: one scatter-add writes a UAV's own place and its vehicles. The team map is the
+    sum of all locations without one's own. Coverage is the same for the whole team and comes from comparing block by
+    block. Bytes hold the levels of up to 28 vehicles at zoom 2; beyond, and at zoom 3, there are two bytes each.
 
     Args:
         uavs, vehicles: positions [zone sides], in [0, 1].
@@ -59,26 +60,48 @@ def observe(
     window = jnp.clip(uav_cell - n // 2, 0, cells - n)
 
     nowhere = count * size  # an index past the end, which the scatter drops
-    row = jnp.arange(count)
-    first = jnp.where(active, row * size, nowhere)  # where each UAV's maps begin
+    first = jnp.where(active, jnp.arange(count) * size, nowhere)  # where each UAV's maps begin
     owner_first = jnp.where(owner >= 0, first[owner], nowhere)
     in_window = vehicle_cell - window[owner]
     seen = jnp.all((in_window >= 0) & (in_window < n), -1)
-    mate = active[None, :] & (row[None, :] != row[:, None])
 
-    def at(base: Array, channel: int, cell: Array) -> Array:
-        return base + channel * n * n + cell[..., 1] * n + cell[..., 0]
+    def at(base: Array, channel: int, column: Array, row: Array) -> Array:
+        return base + (channel * n * n + row * n + column)
 
+    whole = (2 * zoom) ** 2
+    local = uav_cell - window
     indices = [
-        at(first, LOCAL_LOCATION, uav_cell - window),
-        at(first, GLOBAL_LOCATION, uav_cell // zoom),
-        jnp.where(mate, at(first[:, None], GLOBAL_TEAM, uav_cell[None] // zoom), nowhere).reshape(-1),
-        jnp.where(seen, at(owner_first, LOCAL_VEHICLES, in_window), nowhere),
-        at(owner_first, GLOBAL_VEHICLES, vehicle_cell // zoom),
+        at(first, LOCAL_LOCATION, local[:, 0], local[:, 1]),
+        jnp.where(seen, at(owner_first, LOCAL_VEHICLES, in_window[:, 0], in_window[:, 1]), nowhere),
     ]
-    levels = jnp.zeros(count * size, jnp.uint8).at[jnp.concatenate(indices)].add(jnp.uint8(1), mode="drop")
-    covered = jnp.where(active[:, None, None], _coverage(uavs, active, reach, n, zoom), 0)
-    return levels.reshape(count, CHANNELS, n, n).at[:, GLOBAL_COVERAGE].set(covered.astype(jnp.uint8))
+    weights = [jnp.full(count, whole), jnp.full(len(vehicles), whole)]
+    for base, channel, cell in ((first, GLOBAL_LOCATION, uav_cell), (owner_first, GLOBAL_VEHICLES, vehicle_cell)):
+        near, far, near_weight, far_weight = _shares(cell, n, zoom)
+        for column, column_weight in ((near[:, 0], near_weight[:, 0]), (far[:, 0], far_weight[:, 0])):
+            for row, row_weight in ((near[:, 1], near_weight[:, 1]), (far[:, 1], far_weight[:, 1])):
+                indices.append(at(base, channel, column, row))
+                weights.append(column_weight * row_weight)
+    dtype = jnp.uint8 if zoom == 2 and len(vehicles) <= 28 else jnp.uint16
+    flat = jnp.zeros(count * size, dtype)
+    flat = flat.at[jnp.concatenate(indices)].add(jnp.concatenate(weights).astype(dtype), mode="drop")
+    levels = flat.reshape(count, CHANNELS, n, n)
+
+    location = levels[:, GLOBAL_LOCATION]
+    team = jnp.sum(location, axis=0, dtype=dtype) - location
+    covered = jnp.broadcast_to(_coverage(uavs, active, reach, n, zoom).astype(dtype), team.shape)
+    shared = jnp.where(active[:, None, None, None], jnp.stack([team, covered], axis=1), 0)
+    return levels.at[:, GLOBAL_TEAM : GLOBAL_COVERAGE + 1].set(shared)
+
+
+def _shares(cell: Int[Array, "points 2"], n: int, zoom: int) -> tuple[Array, Array, Array, Array]:
+    """Along each axis the coarse cell that a cell lies in, the next nearest, and their shares in units of 1/(2 zoom).
+
+    At the border the next nearest is the same one again.
+    """
+    near = cell // zoom
+    offset = 2 * (cell % zoom) + 1 - zoom  # of the cell's centre from the coarse one's, in units of 1/(2 zoom)
+    far = jnp.clip(near + jnp.sign(offset), 0, n - 1)
+    return near, far, 2 * zoom - jnp.abs(offset), jnp.abs(offset)
 
 
 def _cell(position: Array, cells: int) -> Array:

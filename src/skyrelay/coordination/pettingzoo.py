@@ -16,7 +16,7 @@ from skyrelay.coordination import game
 from skyrelay.coordination.settings import Domain, Shape, physical
 from skyrelay.core.errors import UsageError
 from skyrelay.core.flight import ACTIONS
-from skyrelay.core.maps import CHANNELS, VEHICLE_SCALE, normalise
+from skyrelay.core.maps import CHANNELS, COVERAGE_SCALE, LOCATION_SCALE, TEAM_SCALE, VEHICLE_SCALE, normalise
 
 
 def parallel_env(uavs: int = 3, vehicles: int = 20, n: int = 11, steps: int = 100) -> UavCoordination:
@@ -49,7 +49,8 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
         self.possible_agents = [f"uav_{number}" for number in range(shape.uavs)]
         self.agents: list[str] = []
         # Largest levels: a UAV's own cell, all its vehicles in one cell, every mate in one cell, a block in all ranges.
-        tops = [1.0, VEHICLE_SCALE, 1.0, max(shape.uavs - 1, 1), shape.uavs / 2, VEHICLE_SCALE]
+        mates, covers = TEAM_SCALE * max(shape.uavs - 1, 1), COVERAGE_SCALE * shape.uavs
+        tops = [LOCATION_SCALE, VEHICLE_SCALE, LOCATION_SCALE, mates, covers, VEHICLE_SCALE]
         high = np.broadcast_to(np.array(tops, np.float32)[:, None, None], (CHANNELS, shape.n, shape.n))
         self._observation_space = gymnasium.spaces.Box(np.zeros_like(high), high.copy(), dtype=np.float32)
         self.observation_spaces = {agent: self.observation_space(agent) for agent in self.possible_agents}

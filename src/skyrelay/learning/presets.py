@@ -63,14 +63,17 @@ _FAST = Hyperparameters(
     actor=FAST,
     critic=FAST,
     games=64,
-    horizon=50,
+    horizon=16,
     epochs=4,
-    minibatches=8,
+    minibatches=4,
     learning_rate=1e-3,
     anneal=True,
-    gamma=0.9,
+    gamma=0.95,
     decay=0.9,
-    entropy=0.001,
+    entropy=0.01,
+    own_credit=True,
+    shaping=True,
+    symmetries=True,
 )
 # The table's values; what it leaves open (games side by side, minibatches of 500 decisions) is set here.
 _PAPER = Hyperparameters(

@@ -100,13 +100,14 @@ def _maps(
 
     levels = np.zeros((seers, CHANNELS, n, n), dtype=np.float32)
     seer = np.arange(seers)
-    local, coarse, vehicle_coarse = (uav_cell - window)[:seers], uav_cell // zoom, vehicle_cell // zoom
-    levels[seer, LOCAL_LOCATION, local[:, 1], local[:, 0]] = 1.0
-    levels[seer, GLOBAL_LOCATION, coarse[:seers, 1], coarse[:seers, 0]] = 1.0
-    i, j = np.nonzero(seer[:, None] != np.arange(len(uavs))[None, :])
-    np.add.at(levels[:, GLOBAL_TEAM], (i, coarse[j, 1], coarse[j, 0]), 1.0)
-    np.add.at(levels[:, LOCAL_VEHICLES], (of[seen], in_window[seen, 1], in_window[seen, 0]), 1.0)
-    np.add.at(levels[:, GLOBAL_VEHICLES], (of, vehicle_coarse[:, 1], vehicle_coarse[:, 0]), 1.0)
+    local, whole = (uav_cell - window)[:seers], (2.0 * zoom) ** 2
+    levels[seer, LOCAL_LOCATION, local[:, 1], local[:, 0]] = whole
+    np.add.at(levels[:, LOCAL_VEHICLES], (of[seen], in_window[seen, 1], in_window[seen, 0]), whole)
+    location = np.zeros((len(uavs), n, n), dtype=np.float32)
+    _scatter(location, np.arange(len(uavs)), uav_cell, n, zoom)
+    levels[:, GLOBAL_LOCATION] = location[:seers]
+    levels[:, GLOBAL_TEAM] = location.sum(axis=0) - location[:seers]
+    _scatter(levels[:, GLOBAL_VEHICLES], of, vehicle_cell, n, zoom)
 
     centre = (np.arange(cells) + 0.5) / cells
     x2 = (uavs[:, 0, None] - centre) ** 2
@@ -115,3 +116,16 @@ def _maps(
     levels[:, GLOBAL_COVERAGE] = near.sum(axis=0).reshape(n, zoom, n, zoom).sum(axis=(1, 3))
     maps: Maps = normalise(levels, zoom)
     return maps
+
+
+def _scatter(maps: Maps, row: npt.NDArray[np.int64], cell: npt.NDArray[np.int64], n: int, zoom: int) -> None:
+    """Add points at full-map cells to coarse maps, shared among the four nearest coarse cells, in 1 / (2 zoom)^2."""
+    near = cell // zoom
+    offset = 2 * (cell % zoom) + 1 - zoom
+    far = (near + np.sign(offset)).clip(0, n - 1)
+    sides = ((near, 2 * zoom - abs(offset)), (far, abs(offset)))
+    for columns, column_weight in sides:
+        for rows, row_weight in sides:
+            np.add.at(
+                maps, (row, rows[:, 1], columns[:, 0]), (column_weight[:, 0] * row_weight[:, 1]).astype(np.float32)
+            )

@@ -1,0 +1,32 @@
+"""Evaluation: both ways of playing agree, and so do the intervals with their definition."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+import pytest
+from scipy import stats
+
+from skyrelay.learning import networks
+from skyrelay.learning.evaluation import episodes_of, greedy_episodes, interval, summary
+
+
+def test_compiled_and_stepped_play_agree(tiny):
+    actor = networks.actor(jax.random.key(1), tiny.hyperparameters.actor)
+    key = jax.random.key(2)
+    compiled = greedy_episodes(actor, key, 6, tiny.shape, tiny.domain)
+    stepped = episodes_of(lambda maps: np.asarray(actor(maps)).argmax(-1), key, 6, tiny.shape, tiny.domain)
+    np.testing.assert_allclose(compiled, stepped, rtol=1e-5)
+    measures = summary(compiled)
+    assert set(measures) == {"return", "coverage", "connectivity", "connectivity_neighbor"}
+    steps = tiny.shape.steps
+    expected = steps * (measures["coverage"]["mean"] + measures["connectivity"]["mean"] - 2)
+    assert measures["return"]["mean"] == pytest.approx(expected, rel=1e-4)
+
+
+def test_interval_is_students():
+    values = np.random.default_rng(0).normal(3, 2, 20)
+    low, high = stats.t.interval(0.95, 19, loc=values.mean(), scale=stats.sem(values))
+    found = interval(values)
+    assert (found["mean"], found["low"], found["high"]) == pytest.approx((values.mean(), low, high))
+    assert interval(np.array([2.0])) == {"mean": 2.0, "low": 2.0, "high": 2.0}

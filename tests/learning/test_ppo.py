@@ -1,0 +1,104 @@
+"""PPO's loss against plain loops, the symmetries against the game, and what collecting keeps."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from skyrelay.coordination.observation import observe
+from skyrelay.core.flight import unit_moves
+from skyrelay.core.maps import normalise
+from skyrelay.learning import networks, ppo
+from skyrelay.learning.networks import Architecture
+
+
+@pytest.fixture(scope="module")
+def batch():
+    random = np.random.default_rng(0)
+    rows = 24
+    return ppo.Experience(
+        maps=jnp.asarray(random.integers(0, 3, (rows, 6, 5, 5)), jnp.uint8),
+        action=jnp.asarray(random.integers(0, 9, rows)),
+        log_probability=jnp.asarray(random.normal(-2.2, 0.4, rows), jnp.float32),
+        value=jnp.asarray(random.normal(size=rows), jnp.float32),
+        advantage=jnp.asarray(random.normal(size=rows), jnp.float32),
+        active=jnp.asarray(random.random(rows) < 0.7),
+    )
+
+
+def test_loss_against_plain_loops(batch, tiny):
+    config, zoom = tiny.hyperparameters, 2
+    architecture = Architecture(n=5, channels=(), strides=(), pools=(), hidden=(8,))
+    actor = networks.actor(jax.random.key(1), architecture)
+    actor = eqx.tree_at(lambda net: net.layers[-1].weight, actor, actor.layers[-1].weight * 50)
+    critic = networks.critic(jax.random.key(2), architecture)
+    total, parts = ppo.loss((actor, critic), batch, config, zoom)
+
+    maps = normalise(batch.maps, zoom)
+    logits, values = np.asarray(actor(maps), np.float64), np.asarray(critic(maps), np.float64)[:, 0]
+    rows = [row for row in range(len(values)) if batch.active[row]]
+    advantages = [float(batch.advantage[row]) for row in rows]
+    mean = sum(advantages) / len(rows)
+    deviation = (sum((a - mean) ** 2 for a in advantages) / len(rows)) ** 0.5
+    surrogate = error = entropy = 0.0
+    for row, advantage in zip(rows, advantages, strict=True):
+        odds = np.exp(logits[row] - logits[row].max())
+        chances = odds / odds.sum()
+        ratio = chances[int(batch.action[row])] / np.exp(float(batch.log_probability[row]))
+        scaled = (advantage - mean) / (deviation + 1e-8)
+        bounded = min(max(ratio, 1 - config.clip), 1 + config.clip)
+        surrogate += min(ratio * scaled, bounded * scaled) / len(rows)
+        error += 0.5 * (values[row] - float(batch.value[row]) - advantage) ** 2 / len(rows)
+        entropy -= sum(p * np.log(p) for p in chances) / len(rows)
+    assert float(parts["policy_loss"]) == pytest.approx(-surrogate, rel=1e-4)
+    assert float(parts["value_loss"]) == pytest.approx(error, rel=1e-4)
+    assert float(parts["entropy"]) == pytest.approx(entropy, rel=1e-4)
+    assert float(total) == pytest.approx(-surrogate + config.value * error - config.entropy * entropy, rel=1e-4)
+    assert 0 < float(parts["clipped"]) < 1
+
+
+def turn(points, side):
+    """A symmetry of the square about its centre, on positions."""
+    mirror, turns = divmod(side, 4)
+    points = (points - 0.5) * (-1, 1) if mirror else points - 0.5
+    for _ in range(turns):
+        points = np.stack([points[:, 1], -points[:, 0]], axis=1)
+    return (points + 0.5).astype(np.float32)
+
+
+@pytest.mark.parametrize("side", range(ppo.SYMMETRIES))
+def test_turned_experience_is_what_a_turned_game_shows(side):
+    random = np.random.default_rng(side)
+    uavs, vehicles = random.uniform(0, 1, (2, 2)), random.uniform(0, 1, (8, 2))
+    owner, active, n = jnp.asarray(random.integers(0, 2, 8)), jnp.ones(2, bool), 7
+
+    def see(uavs, vehicles):
+        return observe(jnp.asarray(uavs), active, jnp.asarray(vehicles), owner, jnp.float32(0.37), n, 2)
+
+    zeros = jnp.zeros(2)
+    seen = ppo.Experience(see(uavs.astype(np.float32), vehicles.astype(np.float32)), jnp.array([3, 0]), *[zeros] * 4)
+    turned = ppo.turned(seen, jnp.int32(side))
+    np.testing.assert_array_equal(turned.maps, see(turn(uavs, side), turn(vehicles, side)))
+    moves = unit_moves()
+    expected = turn(moves[np.array([3, 0])] + 0.5, side) - 0.5
+    np.testing.assert_allclose(moves[np.asarray(turned.action)], expected, atol=1e-6)
+
+
+def test_collecting_goes_through_time_limits(tiny):
+    config, domain = tiny.hyperparameters, tiny.domain
+    learner = ppo.begin(jax.random.key(0), config, tiny.shape, domain, tiny.updates)
+    clocks = learner.games.time
+    collect = eqx.filter_jit(lambda learner: ppo.collect(learner, config, domain))
+    after, experience, score = collect(learner)
+    np.testing.assert_array_equal(after.games.time, (clocks + config.horizon) % tiny.shape.steps)
+    assert experience.maps.shape == (config.horizon, config.games, 2, 6, 5, 5)
+    assert experience.maps.dtype == jnp.uint8
+    assert score.reward.shape == (config.horizon, config.games)
+    assert ((np.asarray(score.reward) >= -2) & (np.asarray(score.reward) <= 0)).all()
+    np.testing.assert_array_equal(np.asarray(experience.maps)[~np.asarray(experience.active)], 0)
+    for _ in range(5):
+        after, _, _ = collect(after)
+    assert (np.asarray(after.games.time) < tiny.shape.steps).all()
