@@ -17,7 +17,6 @@ DEFAULT = Settings()
 
 
 @given(tables(), settings_drawn, st.sampled_from(METHODS))
-@hypothesis_settings(deadline=None)
 def test_every_method_keeps_the_rules(both, rule, method):
     vehicles, uavs = both
     chosen = select(vehicles, uavs, method, settings=rule)
@@ -34,7 +33,7 @@ def test_every_method_keeps_the_rules(both, rule, method):
 
 
 @given(tables(max_vehicles=5, max_uavs=3), settings_drawn, st.sampled_from(("qou", "qov", "served")))
-@hypothesis_settings(deadline=None, max_examples=60)
+@hypothesis_settings(max_examples=60)
 def test_optimal_is_the_best_of_all_assignments(both, rule, objective):
     vehicles, uavs = both
     worth = {

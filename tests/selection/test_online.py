@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from selection_tables import drawn, settings_drawn, uavs_at, vehicles_at
 
@@ -92,7 +91,6 @@ def follow(online, periods, rule, rounds, hysteresis):
     st.sampled_from((1, 2, "full")),
     st.sampled_from((0.0, 6.0)),
 )
-@hypothesis_settings(deadline=None)
 def test_the_same_as_selecting_anew_whatever_comes_and_goes(periods, rule, rounds, hysteresis):
     for _ in follow(OnlineSelection(rule, rounds, hysteresis), periods, rule, rounds, hysteresis):
         pass

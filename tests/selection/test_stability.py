@@ -33,7 +33,6 @@ def blocking_by_definition(vehicles, uavs, assignment, rule):
 
 
 @given(tables(max_vehicles=7, max_uavs=4), settings_drawn, st.sampled_from(METHODS), st.sampled_from((1, 2, "full")))
-@hypothesis_settings(deadline=None)
 def test_counted_as_defined(both, rule, method, rounds):
     vehicles, uavs = both
     assignment = select(vehicles, uavs, method, settings=rule, rounds=rounds).assignment
@@ -61,7 +60,7 @@ def test_deferred_acceptance_is_stable_for_equal_demands_of_drawn_cities(seed, c
 
 
 @given(tables(demands=(2000,), max_vehicles=5, max_uavs=3), settings_drawn)
-@hypothesis_settings(max_examples=40, deadline=None)
+@hypothesis_settings(max_examples=40)
 def test_no_stable_matching_serves_a_vehicle_better_for_equal_demands_and_no_ties(both, rule):
     vehicles, uavs = both
     quality, value = qou(vehicles, uavs, rule), qov(vehicles, uavs, rule)
