@@ -120,7 +120,7 @@ def test_the_audit_agrees_and_a_changed_byte_is_named(small_run, tmp_path, capsy
     record.write_bytes(data)
     capsys.readouterr()
     assert run("audit", broken) == 1
-    assert "blocks.jsonl" in capsys.readouterr().out
+    assert "DIFFERENT" in capsys.readouterr().out
 
 
 def test_a_vehicle_is_told_why_it_was_not_served(small_run, capsys, run):
