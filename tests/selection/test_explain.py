@@ -97,7 +97,7 @@ def write_run(folder, periods, rounds=1, rule=None):
 
 @pytest.mark.parametrize("rounds", [1, 50])
 def test_every_vehicle_of_a_run_is_told_what_happened(tmp_path, rounds):
-    vehicles, uavs = drawn(6, vehicles=32, uavs=5, side=3000.0, zones=2)
+    vehicles, uavs = drawn(12, vehicles=32, uavs=5, side=3000.0, zones=2)
     (chosen,) = write_run(tmp_path / "run", [(vehicles, uavs)], rounds)
     quality = qou(vehicles, uavs, Settings())
     outcomes = set()
