@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 PYTEST := $(BIN)/python -m pytest
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check test-browser test-contracts test-nodes test-all contracts nodes bench clean
+.PHONY: help setup run test check test-browser test-contracts test-nodes test-all nodes bench clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -42,15 +42,14 @@ contracts/node_modules/.ready: contracts/package-lock.json
 	cd contracts && npm ci --no-audit --no-fund --loglevel=error
 	@touch $@
 
-# Slither pins other versions of web3's libraries than we do, so it lives in an environment of its own.
+# Slither pins other versions of the chain's libraries than we do, so it lives in an environment of its own.
 $(VENV)/slither/.ready: constraints-slither.txt
 	@$(PYTHON) -m venv $(VENV)/slither
 	@$(VENV)/slither/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints-slither.txt slither-analyzer
 	@touch $@
 
 test-contracts: $(READY) contracts/node_modules/.ready $(VENV)/slither/.ready ## the contract under attack: Foundry, Slither, the committed artefacts
-	cd contracts && npm run --silent check && npm test --silent && SLITHER=$(CURDIR)/$(VENV)/slither/bin/slither npm run --silent slither
-	$(PYTEST) -m contracts
+	SLITHER=$(CURDIR)/$(VENV)/slither/bin/slither $(PYTEST) -m contracts -n 2
 
 nodes: ## build Kubo, go-ethereum and GoQuorum into .tools/bin (needs Go; minutes the first time)
 	@command -v go >/dev/null || { echo "make nodes needs Go 1.24 or later" >&2; exit 1; }
@@ -60,6 +59,9 @@ test-nodes: $(READY) nodes ## real validators and real IPFS nodes on loopback
 	$(PYTEST) -m nodes -n 4 --dist loadgroup
 
 test-all: check test test-browser test-contracts test-nodes ## everything
+
+bench: $(READY) ## every benchmark, one after the other; figures and JSON
+	@for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 
 clean: ## remove the environment and what runs left
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

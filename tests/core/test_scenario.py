@@ -33,6 +33,7 @@ def test_any_valid_override_arrives(seed, uavs, share):
         ("fleet.battery=[90, 10]", "fleet.battery", "lower bound first"),
         ("fleet.speed=nan", "fleet.speed", "finite number"),
         ("mobility.source=teleport", "mobility.source", "'trace', 'manhattan' or 'random-waypoint'"),
+        ("demand.bandwidth=[1, 5]", "toml", "demand.bandwidth of at most selection.max_demand (5 is above 4)"),
         ("fleet", "--set", "key=value"),
         ("seed.deep=1", "--set", "a table"),
     ],

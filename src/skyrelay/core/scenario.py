@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from skyrelay.core.errors import ScenarioError
 
@@ -162,6 +162,18 @@ class Scenario(_Section):
     chain: Chain = Chain()
     store: Store = Store()
 
+    @model_validator(mode="after")
+    def _within_maxima(self) -> Scenario:
+        """What is drawn may not exceed what it is divided by in Eq. 1 and 2; the contract would refuse it."""
+        for key, largest, name, maximum in (
+            ("fleet.bandwidth", self.fleet.bandwidth[1], "max_uav_bandwidth", self.selection.max_uav_bandwidth),
+            ("demand.bandwidth", self.demand.bandwidth[1], "max_demand", self.selection.max_demand),
+            ("demand.payment", self.demand.payment[1], "max_payment", self.selection.max_payment),
+        ):
+            if largest > maximum:
+                raise ValueError(f"{key} of at most selection.{name} ({largest:g} is above {maximum:g})")
+        return self
+
 
 def builtin_scenarios() -> list[str]:
     """Names of the scenarios inside the package."""
@@ -216,7 +228,8 @@ def validate(tree: Mapping[str, Any], place: str = "scenario") -> Scenario:
         if first["type"] == "extra_forbidden":
             raise ScenarioError(f"{place}: {key}", None, f"a known key: {_suggest(key)}{more}") from None
         expected = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-        raise ScenarioError(f"{place}: {key}", first["input"], expected + more) from None
+        at = f"{place}: {key}" if key else place
+        raise ScenarioError(at, first["input"] if key else None, expected + more) from None
 
 
 def to_toml(scenario: Scenario) -> str:
