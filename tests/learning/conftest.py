@@ -24,7 +24,7 @@ def tiny() -> Training:
         learning_rate=1e-3,
         anneal=True,
         own_credit=True,
-        shaping=True,
+        shaping=0.5,
         symmetries=True,
     )
     shape, domain = Shape(2, 4, n=5, steps=8), physical((1, 2), (4, 4))

@@ -16,7 +16,10 @@ from skyrelay.core.errors import UsageError
 def command(
     out: Annotated[Path, typer.Option("--out", help="Folder for the policy, curves and checkpoint.")],
     preset: Annotated[
-        str, typer.Option("--preset", help="fast (a CPU is enough) or paper (its network and table).")
+        str,
+        typer.Option(
+            "--preset", help="fast (seconds on a CPU), generalist (many scales) or paper (its network and table)."
+        ),
     ] = "fast",
     uavs: Annotated[str, typer.Option("--uavs", help="Team size, or a range: 2-5.")] = "3",
     vehicles: Annotated[str, typer.Option("--vehicles", help="Number of vehicles, or a range: 5-20.")] = "20",
@@ -33,7 +36,10 @@ def command(
     as_json: Json = False,
 ) -> int:
     """Train a policy by PPO; Ctrl-C leaves a checkpoint that --resume goes on from."""
-    for option, value, choices in (("--preset", preset, ("fast", "paper")), ("--games", games, ("paper", "varied"))):
+    for option, value, choices in (
+        ("--preset", preset, ("fast", "generalist", "paper")),
+        ("--games", games, ("paper", "varied")),
+    ):
         if value not in choices:
             raise UsageError(option, value, "one of: " + ", ".join(choices))
     team, traffic = span("--uavs", uavs, 16), span("--vehicles", vehicles, 255)

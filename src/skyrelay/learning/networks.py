@@ -57,8 +57,10 @@ class Architecture:
         return convolutions + sum(a * b + b for a, b in pairwise(sizes))
 
 
-FAST = Architecture(n=11, channels=(), strides=(), pools=(), hidden=(128, 64))
+FAST = Architecture(n=9, channels=(), strides=(), pools=(), hidden=(128, 64))
 """No convolution: on a CPU it learns this game in a fraction of the time (docs/reference/policies.md)."""
+GENERALIST = Architecture(n=11, channels=(), strides=(), pools=(), hidden=(256, 128))
+"""Finer maps and a wider net, for games of many scales."""
 PAPER = Architecture(n=19, channels=(32, 64), strides=(1, 1), pools=(2, 1), hidden=(256, 128))
 """Recovered from the paper's figures: 1,692,969 actor parameters."""
 

@@ -50,7 +50,8 @@ class Hyperparameters:
         max_gradient: largest norm of the gradient.
         own_credit: learn from what each UAV answers for itself (`Score.credit`), not from the team's reward: the other
             UAVs' coverage is noise that its action hardly changes. Tests and evaluation always use the reward of Eq. 3.
-        shaping: add gamma Phi(s') - Phi(s), Phi being `skyrelay.coordination.reward.potential`.
+        shaping: share of the training over which gamma Phi(s') - Phi(s) is added to the reward, its weight falling from
+            1 to 0; Phi is `skyrelay.coordination.reward.potential`. 0 for never.
         symmetries: optimise on experience that is turned and mirrored at random.
     """
 
@@ -69,7 +70,7 @@ class Hyperparameters:
     value: float = 0.5
     max_gradient: float = 0.5
     own_credit: bool = False
-    shaping: bool = False
+    shaping: float = 0.0
     symmetries: bool = False
 
     @property
@@ -145,7 +146,9 @@ def new_games(key: PRNGKeyArray, count: int, shape: Shape, domain: Domain) -> ga
     return jax.vmap(one)(jax.random.split(key, count))
 
 
-def collect(learner: Learner, config: Hyperparameters, domain: Domain) -> tuple[Learner, Experience, Score]:
+def collect(
+    learner: Learner, config: Hyperparameters, domain: Domain, shaping: float | Array = 0.0
+) -> tuple[Learner, Experience, Score]:
     """Play ``horizon`` steps of every game with the present policy.
 
     Returns: the learner with its games moved on, experience [horizon, games, uavs], and scores [horizon, games].
@@ -170,7 +173,8 @@ def collect(learner: Learner, config: Hyperparameters, domain: Domain) -> tuple[
         if config.own_credit:
             reward = transition.score.credit
         if config.shaping:
-            reward = reward + config.gamma * jax.vmap(game.potential)(moved) - jax.vmap(game.potential)(games)
+            change = config.gamma * jax.vmap(game.potential)(moved) - jax.vmap(game.potential)(games)
+            reward = reward + shaping * change
         over = transition.truncated
         last = _where(over, moved, last)
         row = (maps, action, log_probability, value, games.active, reward, transition.score, over)
@@ -237,7 +241,8 @@ def update(
 
     Returns: the learner, and means of the scores and of the loss's parts by name.
     """
-    learner, experience, score = collect(learner, config, domain)
+    shaping = jnp.clip(1.0 - learner.updates / max(config.shaping * total_updates, 1.0), 0.0, 1.0)
+    learner, experience, score = collect(learner, config, domain, shaping)
     zoom = learner.games.shape.zoom
     adam = optimizer(config, total_updates)
     rows: Experience = jax.tree.map(lambda x: x.reshape(-1, *x.shape[3:]), experience)
