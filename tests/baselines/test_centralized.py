@@ -28,6 +28,22 @@ def test_separate_gives_the_digits_of_a_combination():
     assert actions.min() == 0
     assert actions.max() == 8
     np.testing.assert_array_equal(actions @ np.array([1, 9, 81]), joint)
+    np.testing.assert_array_equal(centralized.join(jnp.asarray(actions)), joint)
+
+
+def test_a_turned_team_is_turned_uav_by_uav(key):
+    """Turning the team's decision is turning each UAV's: the same as the decentralised experience, side by side."""
+    maps = jax.random.randint(key, (5, 2, 6, 5, 5), 0, 9).astype(jnp.uint8)
+    joint = jax.random.randint(key, (5,), 0, 81)
+    blank = jnp.zeros(5)
+    team = ppo.Experience(maps, joint, blank, blank, blank, blank == 0.0)
+    for side in range(ppo.SYMMETRIES):
+        whole = centralized.turned(team, jnp.int32(side))
+        for uav in range(2):
+            own = team._replace(maps=maps[:, uav], action=centralized.separate(joint, 2)[:, uav])
+            expected = ppo.turned(own, jnp.int32(side))
+            np.testing.assert_array_equal(whole.maps[:, uav], expected.maps)
+            np.testing.assert_array_equal(centralized.separate(whole.action, 2)[:, uav], expected.action)
 
 
 @pytest.mark.parametrize("architecture", [TINY, CONVOLUTIONAL])

@@ -75,6 +75,17 @@ def separate(joint: Int[Array, "*batch"], uavs: int) -> Int[Array, "*batch uavs"
     return joint[..., None] // ACTIONS ** jnp.arange(uavs) % ACTIONS
 
 
+def join(actions: Int[Array, "*batch uavs"]) -> Int[Array, "*batch"]:
+    """The number of a combination from each UAV's action."""
+    return jnp.sum(actions * ACTIONS ** jnp.arange(actions.shape[-1]), -1)
+
+
+def turned(batch: Experience, side: Int[Array, ""]) -> Experience:
+    """As `ppo.turned`: all maps and actions of a team in the same turned or mirrored zone."""
+    apart = ppo.turned(batch._replace(action=separate(batch.action, batch.maps.shape[-4])), side)
+    return apart._replace(action=join(apart.action))
+
+
 def begin(key: PRNGKeyArray, config: Hyperparameters, shape: Shape, domain: Domain, total_updates: int) -> Learner:
     """As `ppo.begin`, with the networks of a team.
 
@@ -91,8 +102,13 @@ def begin(key: PRNGKeyArray, config: Hyperparameters, shape: Shape, domain: Doma
     return Learner(*networks, state, learner.games, learner.key, learner.updates)
 
 
-def collect(learner: Learner, config: Hyperparameters, domain: Domain) -> tuple[Learner, Experience, Score]:
-    """As `ppo.collect`; the experience is [horizon, games]: a decision is the whole team's."""
+def collect(
+    learner: Learner, config: Hyperparameters, domain: Domain, shaping: float | Array = 0.0
+) -> tuple[Learner, Experience, Score]:
+    """As `ppo.collect`; the experience is [horizon, games]: a decision is the whole team's, and so is its reward.
+
+    There is no credit of a single UAV; the shaping is the mean of the UAVs'.
+    """
     shape = learner.games.shape
     k_reset, k_play, key = jax.random.split(learner.key, 3)
     fresh = ppo.new_games(k_reset, config.games, shape, domain)
@@ -110,15 +126,18 @@ def collect(learner: Learner, config: Hyperparameters, domain: Domain) -> tuple[
         log_probability = jnp.take_along_axis(log_probabilities, joint[:, None], -1)[:, 0]
         value = look(learner.critic, maps)[:, 0]
         moved, transition = jax.vmap(game.step)(games, separate(joint, shape.uavs))
-        over = transition.truncated
-        row = (maps, joint, log_probability, value, transition.score, over)
+        reward, over = transition.score.reward, transition.truncated
+        if config.shaping:
+            change = config.gamma * jax.vmap(game.potential)(moved) - jax.vmap(game.potential)(games)
+            reward = reward + shaping * change.mean(-1)
+        row = (maps, joint, log_probability, value, reward, transition.score, over)
         return (_where(over, fresh, moved), _where(over, moved, last)), row
 
     (games, last), rows = jax.lax.scan(play, (learner.games, learner.games), jax.random.split(k_play, config.horizon))
-    maps, joint, log_probability, value, score, over = rows
+    maps, joint, log_probability, value, reward, score, over = rows
     value_now, value_last = (look(learner.critic, jax.vmap(game.observe)(state))[:, 0] for state in (games, last))
     next_value = jnp.where(over, value_last, jnp.concatenate([value[1:], value_now[None]]))
-    advantage = advantages(score.reward, value, next_value, over, config.gamma, config.decay)
+    advantage = advantages(reward, value, next_value, over, config.gamma, config.decay)
     experience = Experience(maps, joint, log_probability, value, advantage, jnp.ones_like(over))
     return dataclasses.replace(learner, games=games, key=key), experience, score
 
@@ -127,7 +146,8 @@ def update(
     learner: Learner, config: Hyperparameters, domain: Domain, total_updates: int
 ) -> tuple[Learner, dict[str, Float[Array, ""]]]:
     """As `ppo.update`, with the same loss and optimizer."""
-    learner, experience, score = collect(learner, config, domain)
+    shaping = jnp.clip(1.0 - learner.updates / max(config.shaping * total_updates, 1.0), 0.0, 1.0)
+    learner, experience, score = collect(learner, config, domain, shaping)
     adam = ppo.optimizer(config, total_updates)
     rows: Experience = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), experience)
     count = rows.action.shape[0]
@@ -135,17 +155,21 @@ def update(
     arrays, static = eqx.partition((learner.actor, learner.critic), eqx.is_array)
     loss = partial(ppo.loss, config=config, zoom=learner.games.shape.zoom)
 
-    def optimise(carry: tuple[Any, Any], chosen: Int[Array, " size"]) -> tuple[tuple[Any, Any], dict[str, Array]]:
+    def optimise(carry: tuple[Any, Any], piece: tuple[Array, Array]) -> tuple[tuple[Any, Any], dict[str, Array]]:
         arrays, state = carry
+        chosen, side = piece
         batch = jax.tree.map(lambda x: x[chosen], rows)
+        if config.symmetries:
+            batch = turned(batch, side)
         gradient, parts = eqx.filter_grad(loss, has_aux=True)(eqx.combine(arrays, static), batch)
         steps, state = adam.update(gradient, state, arrays)
         return (eqx.apply_updates(arrays, steps), state), parts
 
-    k_shuffle, key = jax.random.split(learner.key)
+    k_shuffle, k_side, key = jax.random.split(learner.key, 3)
     orders = jax.vmap(lambda k: jax.random.permutation(k, count))(jax.random.split(k_shuffle, config.epochs))
     pieces = orders[:, : size * config.minibatches].reshape(-1, size)
-    (arrays, state), parts = jax.lax.scan(optimise, (arrays, learner.optimizer), pieces)
+    sides = jax.random.randint(k_side, pieces.shape[:1], 0, ppo.SYMMETRIES)
+    (arrays, state), parts = jax.lax.scan(optimise, (arrays, learner.optimizer), (pieces, sides))
     actor, critic = eqx.combine(arrays, static)
     metrics = {name: jnp.mean(value) for name, value in (*parts.items(), *score._asdict().items())}
     return Learner(actor, critic, state, learner.games, key, learner.updates + 1), metrics
