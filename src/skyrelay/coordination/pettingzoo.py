@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache, partial
+from functools import cache, partial
 from typing import Any
 
 import gymnasium
@@ -13,6 +13,7 @@ import numpy.typing as npt
 import pettingzoo
 
 from skyrelay.coordination import game
+from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape, physical
 from skyrelay.core.errors import UsageError
 from skyrelay.core.flight import ACTIONS
@@ -58,19 +59,21 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
         self._key: jax.Array | None = None
         self._state: game.State | None = None
 
-    @lru_cache(maxsize=None)  # noqa: B019, the API wants the same object each time
-    def observation_space(self, agent: str) -> gymnasium.spaces.Box:
+    @cache  # noqa: B019, the API wants the same object each time
+    def observation_space(self, agent: str) -> gymnasium.spaces.Box:  # noqa: ARG002, the API's
         """The six maps of one UAV; each agent has its own space, so that each can be seeded."""
         space = self._observation_space
         return gymnasium.spaces.Box(space.low, space.high, dtype=np.float32)
 
-    @lru_cache(maxsize=None)  # noqa: B019
-    def action_space(self, agent: str) -> gymnasium.spaces.Discrete:
+    @cache  # noqa: B019
+    def action_space(self, agent: str) -> gymnasium.spaces.Discrete:  # noqa: ARG002, the API's
         """0 stays; k in 1..8 flies towards 2 pi k / 8."""
         return gymnasium.spaces.Discrete(ACTIONS)
 
     def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
+        self,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,  # noqa: ARG002, the API's
     ) -> tuple[dict[str, npt.NDArray[np.float32]], dict[str, dict[str, Any]]]:
         """Begin an episode; without a seed, the next one of the sequence that the last seed began."""
         if seed is not None or self._key is None:
@@ -107,8 +110,8 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
         }
         observations = self._by_agent(maps)
         rewards = {agent: float(score.reward) for agent in self.agents}
-        terminations = {agent: False for agent in self.agents}
-        truncations = {agent: over for agent in self.agents}
+        terminations = dict.fromkeys(self.agents, False)
+        truncations = dict.fromkeys(self.agents, over)
         infos: dict[str, dict[str, Any]] = {agent: dict(measures) for agent in self.agents}
         if over:
             self.agents = []
@@ -146,6 +149,6 @@ def _reset(key: jax.Array, shape: Shape, domain: Domain) -> tuple[game.State, ja
 
 
 @jax.jit
-def _step(state: game.State, actions: jax.Array) -> tuple[game.State, jax.Array, game.Score, jax.Array]:
+def _step(state: game.State, actions: jax.Array) -> tuple[game.State, jax.Array, Score, jax.Array]:
     state, transition = game.step(state, actions)
     return state, normalise(transition.observation, state.shape.zoom), transition.score, transition.truncated

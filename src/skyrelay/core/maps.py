@@ -20,8 +20,8 @@ Maps of one cell and maps of many then weigh about the same, which is what a net
 def normalise(levels: Any, zoom: int) -> Any:
     """Levels as the network's input, for any array library of the array API standard.
 
-    Locations, team mates and UAVs per covered cell are scaled; vehicles become shares of the UAV's own vehicles, scaled:
-    what to do depends on where they are, not on how many they are.
+    Locations, team mates and UAVs per covered cell are scaled; vehicles become shares of the UAV's own vehicles,
+    scaled: what to do depends on where they are, not on how many they are.
 
     Args:
         levels: [..., 6, n, n] in units of 1 / (2 zoom)^2 (see skyrelay.coordination.observation).
