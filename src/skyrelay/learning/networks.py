@@ -7,7 +7,7 @@ A convolution is written as a matrix times patches: inside `lax.scan` XLA's CPU 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import equinox as eqx
@@ -61,6 +61,7 @@ FAST = Architecture(n=9, channels=(), strides=(), pools=(), hidden=(128, 64))
 """No convolution: on a CPU it learns this game in a fraction of the time (docs/reference/policies.md)."""
 GENERALIST = Architecture(n=11, channels=(), strides=(), pools=(), hidden=(256, 128))
 """Finer maps and a wider net, for games of many scales."""
+GENERALIST_CRITIC = replace(GENERALIST, hidden=(128, 64))
 PAPER = Architecture(n=19, channels=(32, 64), strides=(1, 1), pools=(2, 1), hidden=(256, 128))
 """Recovered from the paper's figures: 1,692,969 actor parameters."""
 

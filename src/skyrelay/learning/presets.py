@@ -7,7 +7,7 @@ from typing import Literal
 
 from skyrelay.coordination.settings import Domain, Shape, physical, varied
 from skyrelay.core.errors import UsageError
-from skyrelay.learning.networks import FAST, GENERALIST, PAPER
+from skyrelay.learning.networks import FAST, GENERALIST, GENERALIST_CRITIC, PAPER
 from skyrelay.learning.ppo import Hyperparameters
 
 PresetName = Literal["fast", "generalist", "paper"]
@@ -76,9 +76,9 @@ _FAST = Hyperparameters(
     shaping=0.5,
     symmetries=True,
 )
-# The table's values; what it leaves open (games side by side, minibatches of 500 decisions) is set here.
 # Many scales ask for a finer map and a wider network; eight UAVs a game fill the minibatches.
-_GENERALIST = replace(_FAST, actor=GENERALIST, critic=GENERALIST, epochs=2, minibatches=8)
+_GENERALIST = replace(_FAST, actor=GENERALIST, critic=GENERALIST_CRITIC, epochs=2, minibatches=8)
+# The table's values; what it leaves open (games side by side, minibatches of 500 decisions) is set here.
 _PAPER = Hyperparameters(
     actor=PAPER, critic=PAPER, games=40, horizon=100, epochs=20, minibatches=24, learning_rate=3e-4, anneal=False
 )
@@ -110,5 +110,5 @@ def training(
     if preset == "paper":
         # The table's horizon counts steps of a team; minibatches stay near 500 decisions whatever the team's size.
         base = replace(base, minibatches=8 * uavs[1])
-    default = {"fast": 400_000, "generalist": 2_000_000, "paper": 1_000_000}[preset]
+    default = {"fast": 400_000, "generalist": 1_000_000, "paper": 1_000_000}[preset]
     return Training(preset, base, shape, domain, steps if steps is not None else default, seed)
