@@ -21,7 +21,7 @@ import numpy as np
 from skyrelay.baselines import centralized
 from skyrelay.baselines.catalogue import baseline
 from skyrelay.baselines.cost import centralized_cost, decentralized_cost
-from skyrelay.baselines.player import Episodes, Learned, Player, play
+from skyrelay.baselines.player import RUN_ONCE, Episodes, Learned, Player, play
 from skyrelay.coordination.settings import Shape, physical
 from skyrelay.core.errors import TrainingError
 from skyrelay.experiments.runner import Row
@@ -135,7 +135,6 @@ def _compiled(
     """How a training begins and how it goes on, compiled once for all seeds (``config`` has none of its own)."""
     hyperparameters, domain, updates = config.hyperparameters, config.domain, config.updates
 
-    @eqx.filter_jit
     def start(key: jax.Array) -> Learner:
         learner: Learner = algorithm.begin(key, hyperparameters, config.shape, domain, updates)
         return learner
@@ -145,7 +144,7 @@ def _compiled(
         result: tuple[Learner, dict[str, jax.Array]] = algorithm.update(learner, hyperparameters, domain, updates)
         return result
 
-    return start, turn
+    return jax.jit(start, compiler_options=RUN_ONCE), turn
 
 
 def _episode_rows(played: Episodes, labels: Row) -> list[Row]:
