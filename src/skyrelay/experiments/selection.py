@@ -16,7 +16,7 @@ from skyrelay.core.files import atomic_path
 from skyrelay.core.scenario import load_scenario
 from skyrelay.experiments.claims import Finding, Verdict
 from skyrelay.experiments.figures import FigureSpec, Rendered, Scale
-from skyrelay.experiments.plotting import line, panels, save
+from skyrelay.experiments.plotting import COLORS, line, panels, save
 from skyrelay.experiments.runner import Experiment, Row, Task
 from skyrelay.experiments.statistics import Interval, interval
 from skyrelay.selection.instances import draw_instance
@@ -111,7 +111,12 @@ def render(table: pa.Table, folder: Path) -> Rendered:
             for style, method in enumerate(("two-sided", "nnm")):
                 five = [results.interval(rule, uavs, method, metric, PAPER_SEEDS).mean for uavs in results.counts]
                 axis.plot(
-                    results.counts, five, color="black", marker="+x"[style], linestyle="", label=f"{method}, 5 seeds"
+                    results.counts,
+                    five,
+                    color=COLORS[style],
+                    marker="+x"[style],
+                    linestyle="",
+                    label=f"{method}, 5 seeds",
                 )
             axis.set_xlabel("UAVs")
             axis.set_ylabel(label)
