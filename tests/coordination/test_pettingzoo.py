@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 from skyrelay.coordination.pettingzoo import UavCoordination, parallel_env
-from skyrelay.coordination.settings import Domain, Shape
+from skyrelay.coordination.settings import Domain, Shape, physical
 from skyrelay.coordination.testing import check_parallel_env
 from skyrelay.core.errors import UsageError
 
@@ -32,6 +34,19 @@ def test_a_domain_of_many_scales_conforms():
     domain = Domain((2, 2), (1, 6), ratio=(1.5, 3.0), uav_step=(0.02, 0.1), halt=(0.0, 0.5), go=(0.1, 1.0))
     shape = Shape(2, 6, n=5, steps=8, mobility="mixed")
     assert check_parallel_env(lambda: UavCoordination(shape, domain), episodes=3) == 24
+
+
+def test_agents_whose_uav_leaves_terminate():
+    shape = Shape(3, 6, n=5, steps=12, drop_outs=True)
+    domain = replace(physical((3, 3), (6, 6)), drop_out=(0.2, 0.2))
+    assert check_parallel_env(lambda: UavCoordination(shape, domain), episodes=3) == 36
+    env = UavCoordination(shape, domain)
+    env.reset(seed=1)
+    left = {}
+    while env.agents:
+        _, _, terminations, truncations, _ = env.step(dict.fromkeys(env.agents, 0))
+        left |= {agent: truncations[agent] for agent, over in terminations.items() if over}
+    assert 0 < len(left) < 3  # the last one stays
 
 
 class Unseeded(UavCoordination):

@@ -11,7 +11,7 @@ state (`Parameters`), so that one compiled program plays mixed games.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -54,7 +54,7 @@ class State:
         shape: compiled sizes.
         parameters: the game's numbers.
         uavs: [N, 2] positions [zone sides].
-        active: [N] false for a row that holds no UAV.
+        active: [N] false for a row that holds no UAV, or one that has left.
         traffic: the vehicles.
         owner: [V] row of the UAV that serves each vehicle, also while it is absent.
         present: [V] whether the vehicle is there.
@@ -117,6 +117,8 @@ def step(state: State, actions: Int[Array, " uavs"], trace: Trace | None = None)
     Args:
         actions: 0 stays, k in 1..8 flies ``uav_step`` towards 2 pi k / 8; a move ends at the zone's border.
         trace: the vehicles of a replay (the same at every step); None for the synthetic models.
+
+    In games with drop-outs some UAVs leave at the end of the step, and others get their vehicles at once.
     """
     moved = dynamics.move(state.uavs, actions, state.parameters.uav_step)
     uavs = jnp.where(state.active[:, None], moved, state.uavs)
@@ -128,6 +130,8 @@ def step(state: State, actions: Int[Array, " uavs"], trace: Trace | None = None)
         traffic, owner = _drive(state)
         present = state.present
     state = State(state.shape, state.parameters, uavs, state.active, traffic, owner, present, time, state.key)
+    if state.shape.drop_outs:
+        state = _drop_out(state)
     return state, Transition(observe(state), measure(state), time >= state.shape.steps)
 
 
@@ -169,6 +173,18 @@ def _drive(state: State) -> tuple[Traffic, Int[Array, " vehicles"]]:
     owner, fresh = _appear(draws[:, 5:], state.uavs, parameters)
     mixed: Traffic = jax.tree.map(partial(_where, leaves), fresh, traffic)
     return mixed, jnp.where(leaves, owner, state.owner)
+
+
+def _drop_out(state: State) -> State:
+    """Some UAVs leave for good, though never the last ones; their vehicles select again (`_owners`)."""
+    # Negative: the vehicles' randomness is folded in by the steps themselves.
+    k_leave, k_select = jax.random.split(jax.random.fold_in(state.key, -state.time))
+    parameters = state.parameters
+    kept = state.active & (jax.random.uniform(k_leave, (state.shape.uavs,)) >= parameters.drop_out)
+    active = jnp.where(jnp.any(kept), kept, state.active)
+    draws = jax.random.uniform(k_select, (state.shape.vehicles, 1))
+    again = _owners(draws, state.uavs, active, state.traffic.position, parameters.reach)
+    return replace(state, active=active, owner=jnp.where(active[state.owner], state.owner, again))
 
 
 def _appear(

@@ -16,7 +16,7 @@ from skyrelay.coordination import game
 from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape, physical
 from skyrelay.core.errors import UsageError
-from skyrelay.core.flight import ACTIONS
+from skyrelay.core.flight import ACTIONS, STAY
 from skyrelay.core.maps import CHANNELS, COVERAGE_SCALE, LOCATION_SCALE, TEAM_SCALE, VEHICLE_SCALE, normalise
 
 
@@ -29,7 +29,8 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
     """N UAVs keep their own vehicles in range and the team linked.
 
     Agents are ``uav_0`` ... Observations are six maps [6, n, n], float32, normalised; actions 0..8; the reward is Eq. 3
-    and the same for all. An episode is truncated after ``shape.steps`` steps and never terminates.
+    and the same for all. An episode is truncated after ``shape.steps`` steps and never terminates; in games with
+    drop-outs an agent terminates when its UAV leaves.
 
     Args:
         shape: compiled sizes.
@@ -100,21 +101,20 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
         """
         if self._state is None or not self.agents:
             raise RuntimeError("call reset() before step(): there is no episode in play")
-        row = np.array([actions[agent] for agent in self.agents], dtype=np.int32)
+        row = np.array([actions[a] if a in self.agents else STAY for a in self.possible_agents], dtype=np.int32)
         self._state, maps, score, truncated = _step(self._state, jnp.asarray(row))
-        over = bool(truncated)
+        over, active = bool(truncated), np.asarray(self._state.active)
         measures = {
             "coverage": float(score.coverage),
             "connectivity": float(score.connectivity),
             "connectivity_neighbor": float(score.connectivity_neighbor),
         }
-        observations = self._by_agent(maps)
+        observations = {agent: seen for agent, seen in self._by_agent(maps).items() if agent in self.agents}
         rewards = {agent: float(score.reward) for agent in self.agents}
-        terminations = dict.fromkeys(self.agents, False)
+        terminations = {a: not active[row] for row, a in enumerate(self.possible_agents) if a in self.agents}
         truncations = dict.fromkeys(self.agents, over)
         infos: dict[str, dict[str, Any]] = {agent: dict(measures) for agent in self.agents}
-        if over:
-            self.agents = []
+        self.agents = [] if over else [agent for agent in self.agents if not terminations[agent]]
         return observations, rewards, terminations, truncations, infos
 
     def state(self) -> npt.NDArray[np.float32]:

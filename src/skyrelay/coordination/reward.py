@@ -77,12 +77,13 @@ def potential(
     own = owner[None] == rows[:, None]
     late = jnp.sum(jnp.where(own, steps_away, 0.0), -1) / jnp.maximum(jnp.sum(owner >= 0), 1)
 
-    # The longest hop that cannot be avoided on the way from the first UAV to any other (minimax path).
+    # The longest hop that cannot be avoided on the way from the first active UAV to any other (minimax path).
+    first = jnp.argmax(active)
     hop = jnp.sqrt(jnp.sum((uavs[:, None] - uavs[None]) ** 2, -1))
     hop = jnp.where(active[:, None] & active[None], hop, jnp.inf)
-    longest = hop[0]
+    longest = hop[first]
     for _ in range(uavs.shape[0] - 2):
         longest = jnp.minimum(longest, jnp.min(jnp.maximum(longest[:, None], hop), axis=0))
-    gap = jnp.max(jnp.where(active & (rows > 0), longest, 0.0)) - POTENTIAL_RANGE * reach
+    gap = jnp.max(jnp.where(active & (rows != first), longest, 0.0)) - POTENTIAL_RANGE * reach
     apart = jnp.clip(gap / (2.0 * uav_step), 0.0, POTENTIAL_STEPS)
     return -(late + apart)

@@ -25,6 +25,7 @@ class Shape:
         zoom: the full maps have zoom x n cells a side.
         steps: length of an episode.
         mobility: how vehicles move; "mixed" lets each game choose, "replay" takes positions from a trace.
+        drop_outs: UAVs may leave for good during a game. An option that is off costs nothing in a compiled step.
 
     Raises:
         UsageError: a number is out of its range.
@@ -36,6 +37,7 @@ class Shape:
     zoom: int = 2
     steps: int = 100
     mobility: MobilityModel = "manhattan"
+    drop_outs: bool = False
 
     def __post_init__(self) -> None:
         for name, low, high in (("uavs", 1, 16), ("vehicles", 1, 255), ("steps", 1, 100_000), ("zoom", 2, 3)):
@@ -59,6 +61,7 @@ class Parameters(NamedTuple):
         swap: a vehicle leaves, and another appears in its place in the table, elsewhere.
         astray: a vehicle starts anywhere in the zone, not within its UAV's range.
         waypoint: vehicles follow the random-waypoint model ("mixed" games).
+        drop_out: a UAV leaves (per UAV and step; games with drop-outs).
     """
 
     uavs: Int[Array, ""]
@@ -73,6 +76,7 @@ class Parameters(NamedTuple):
     swap: Float[Array, ""]
     astray: Float[Array, ""]
     waypoint: Bool[Array, ""]
+    drop_out: Float[Array, ""]
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,7 @@ class Domain:
         slow_share: the slowest vehicle's speed over the fastest's.
         turn, halt, go, swap, astray: as in `Parameters`.
         waypoint: share of games with the random-waypoint model, in "mixed" games.
+        drop_out: as in `Parameters`, in games with drop-outs.
     """
 
     uavs: tuple[int, int]
@@ -101,6 +106,7 @@ class Domain:
     swap: Interval = (0.0, 0.0)
     astray: Interval = (0.0, 0.0)
     waypoint: float = 0.0
+    drop_out: Interval = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         for name in ("uavs", "vehicles"):
@@ -110,7 +116,7 @@ class Domain:
 
     def draw(self, key: PRNGKeyArray) -> Parameters:
         """The parameters of one game."""
-        draws = iter(jax.random.uniform(key, (11,)))
+        draws = iter(jax.random.uniform(key, (12,)))
 
         def between(bounds: Interval) -> Array:
             return jnp.asarray(bounds[0] + (bounds[1] - bounds[0]) * next(draws))
@@ -134,6 +140,7 @@ class Domain:
             swap=between(self.swap),
             astray=between(self.astray),
             waypoint=next(draws) < self.waypoint,
+            drop_out=between(self.drop_out),
         )
 
 
@@ -168,7 +175,7 @@ def physical(
 
 
 def varied(uavs: tuple[int, int] = (2, 8), vehicles: tuple[int, int] = (1, 40)) -> Domain:
-    """Games of many scales, speeds and kinds of traffic: what the generalist policy is trained on."""
+    """Games of many scales, speeds and kinds of traffic, with drop-outs: what the generalist policy is trained on."""
     return Domain(
         uavs=uavs,
         vehicles=vehicles,
@@ -181,4 +188,5 @@ def varied(uavs: tuple[int, int] = (2, 8), vehicles: tuple[int, int] = (1, 40)) 
         swap=(0.0, 0.02),
         astray=(0.0, 0.5),
         waypoint=0.3,
+        drop_out=(0.0, 0.002),
     )

@@ -177,17 +177,19 @@ def collect(
             reward = reward + shaping * change
         over = transition.truncated
         last = _where(over, moved, last)
-        row = (maps, action, log_probability, value, games.active, reward, transition.score, over)
+        row = (maps, action, log_probability, value, games.active, moved.active, reward, transition.score, over)
         return (_where(over, fresh, moved), last), row
 
     (games, last), rows = jax.lax.scan(play, (learner.games, learner.games), jax.random.split(k_play, config.horizon))
-    maps, action, log_probability, value, active, reward, score, over = rows
+    maps, action, log_probability, value, active, stays, reward, score, over = rows
 
     # The value of the state that each step led to: the next row's, or the last state's of a game that was cut short.
     value_now = look(learner.critic, jax.vmap(game.observe)(games))[..., 0]
     value_last = look(learner.critic, jax.vmap(game.observe)(last))[..., 0]
     next_value = jnp.where(over[..., None], value_last, jnp.concatenate([value[1:], value_now[None]]))
-    stop = jnp.broadcast_to(over[..., None], value.shape)
+    # A UAV that has left expects nothing more.
+    next_value = jnp.where(stays, next_value, 0.0)
+    stop = over[..., None] | ~stays
     advantage = advantages(reward, value, next_value, stop, config.gamma, config.decay)
 
     learner = eqx.tree_at(lambda state: (state.games, state.key), learner, (games, key))

@@ -55,7 +55,7 @@ def games_of(
 ) -> tuple[Domain, Shape]:
     """The games called "paper" (one scale) or "varied" (many scales, speeds and kinds of traffic), for some sizes."""
     if games == "varied":
-        return varied(uavs, vehicles), Shape(uavs[1], vehicles[1], n=n, zoom=zoom, mobility="mixed")
+        return varied(uavs, vehicles), Shape(uavs[1], vehicles[1], n=n, zoom=zoom, mobility="mixed", drop_outs=True)
     return physical(uavs, vehicles), Shape(uavs[1], vehicles[1], n=n, zoom=zoom)
 
 
