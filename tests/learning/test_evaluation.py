@@ -8,14 +8,15 @@ import pytest
 from scipy import stats
 
 from skyrelay.learning import networks
-from skyrelay.learning.evaluation import episodes_of, greedy_episodes, interval, summary
+from skyrelay.learning.evaluation import episodes_of, greedy_episodes, interval, starts, summary
 
 
 def test_compiled_and_stepped_play_agree(tiny):
     actor = networks.actor(jax.random.key(1), tiny.hyperparameters.actor)
     key = jax.random.key(2)
     compiled = greedy_episodes(actor, key, 6, tiny.shape, tiny.domain)
-    stepped = episodes_of(lambda maps: np.asarray(actor(maps)).argmax(-1), key, 6, tiny.shape, tiny.domain)
+    games = starts(key, 6, tiny.shape, tiny.domain)
+    stepped = episodes_of(lambda maps: np.asarray(actor(maps)).argmax(-1), games)
     np.testing.assert_allclose(compiled, stepped, rtol=1e-5)
     measures = summary(compiled)
     assert set(measures) == {"return", "coverage", "connectivity", "connectivity_neighbor"}

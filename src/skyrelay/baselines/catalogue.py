@@ -5,15 +5,13 @@ from __future__ import annotations
 import difflib
 from typing import Any
 
-import jax
-
 from skyrelay.baselines.centroid import Centroid
 from skyrelay.baselines.placement import Placement
 from skyrelay.baselines.planner import Planner
-from skyrelay.baselines.player import Player, Random, Static, play
-from skyrelay.coordination.settings import Shape, physical
+from skyrelay.baselines.player import Player, Random, Static, play_from
+from skyrelay.coordination import game
 from skyrelay.core.errors import UsageError
-from skyrelay.learning.evaluation import UNSEEN, summary
+from skyrelay.learning.evaluation import summary, unseen_key
 
 BASELINES: dict[str, Player] = {
     "static": Static(),
@@ -42,10 +40,13 @@ def baseline(name: str) -> Player:
     return BASELINES[name]
 
 
-def evaluate_baseline(
-    name: str, uavs: tuple[int, int], vehicles: tuple[int, int], episodes: int, seed: int
-) -> dict[str, Any]:
-    """`summary` of a baseline over the episodes that `evaluate_policy` flies for the same numbers and seed."""
-    key = jax.random.fold_in(jax.random.key(seed), UNSEEN)
-    played = play(baseline(name), key, episodes, Shape(uavs[1], vehicles[1]), physical(uavs, vehicles))
-    return summary(played.measures)
+def evaluate_baseline(name: str, seed: int, games: game.State, traces: game.Trace | None = None) -> dict[str, Any]:
+    """`summary` of a baseline over whole episodes from these starts, as `evaluate_policy` flies them.
+
+    Raises:
+        UsageError: there is no such baseline, or it cannot play replayed vehicles.
+    """
+    player = baseline(name)
+    if traces is not None and isinstance(player, Planner):
+        raise UsageError("baseline", name, "another one for a trace: a planner looks ahead by the synthetic models")
+    return summary(play_from(player, unseen_key(seed), games, traces).measures)

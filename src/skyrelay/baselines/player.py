@@ -109,7 +109,12 @@ def play(player: Player, key: PRNGKeyArray, episodes: int, shape: Shape, domain:
         key: decides the episodes; the player's own randomness is apart from it.
         episodes: how many; each draws its numbers from ``domain``.
     """
-    return _played(player, jax.random.fold_in(key, 1), _new_games(key, episodes, shape, domain))
+    return play_from(player, key, _new_games(key, episodes, shape, domain))
+
+
+def play_from(player: Player, key: PRNGKeyArray, games: game.State, traces: game.Trace | None = None) -> Episodes:
+    """The same from given starts, with replayed vehicles where there are ``traces``."""
+    return _played(player, jax.random.fold_in(key, 1), games, traces)
 
 
 RUN_ONCE = {"xla_backend_optimization_level": 0}
@@ -120,7 +125,7 @@ _new_games = jax.jit(new_games, static_argnums=(1, 2, 3), compiler_options=RUN_O
 
 
 @eqx.filter_jit
-def _played(player: Player, key: PRNGKeyArray, games: game.State) -> Episodes:
+def _played(player: Player, key: PRNGKeyArray, games: game.State, traces: game.Trace | None) -> Episodes:
     games, memory = jax.vmap(player.begin)(jax.random.split(key, games.time.shape[0]), games)
     start = jax.vmap(game.measure)(games)
 
@@ -131,7 +136,7 @@ def _played(player: Player, key: PRNGKeyArray, games: game.State) -> Episodes:
             due = (time > 0) & (time % player.period == 0)
             memory = jax.lax.cond(due, jax.vmap(player.plan), lambda _, kept: kept, games, memory)
         actions, memory = jax.vmap(player.act)(games, memory)
-        games, transition = jax.vmap(game.step)(games, actions)
+        games, transition = jax.vmap(game.step)(games, actions, traces)
         return (games, memory), transition.score
 
     _, steps = jax.lax.scan(turn, (games, memory), jnp.arange(games.shape.steps))

@@ -6,7 +6,8 @@ from typing import Annotated, Any
 
 import typer
 
-from skyrelay.cli.options import Json, print_result, span
+from skyrelay.cli import episodes as played
+from skyrelay.cli.options import Json, print_result
 
 
 def command(
@@ -16,29 +17,34 @@ def command(
             help="static, random, centroid, centroid-linked, pso-placed, pso, pso-10, planner or clairvoyant."
         ),
     ],
-    uavs: Annotated[str, typer.Option("--uavs", help="Team size, or a range: 2-5.")] = "3",
-    vehicles: Annotated[str, typer.Option("--vehicles", help="Number of vehicles, or a range: 5-20.")] = "20",
-    episodes: Annotated[int, typer.Option("--episodes", min=1, max=100_000)] = 200,
-    seed: Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1)] = 0,
+    uavs: played.Uavs = "3",
+    vehicles: played.Vehicles = "20",
+    games: played.Games = "paper",
+    ratio: played.Ratio = None,
+    trace: played.Trace = None,
+    zone_side: played.ZoneSide = None,
+    step_seconds: played.StepSeconds = 2.0,
+    episodes: played.Episodes = 200,
+    seed: played.Seed = 0,
     as_json: Json = False,
 ) -> None:
     """Return, coverage and connectivity of a baseline, with 95 % intervals over episodes.
 
-    The same numbers and seed give the same episodes as `skyrelay evaluate`.
+    The same options give the same episodes as `skyrelay evaluate`.
 
-    For example: skyrelay baseline centroid-linked --uavs 3 --vehicles 20 --episodes 200
+    \b
+    Examples:
+      skyrelay baseline centroid-linked --uavs 3 --vehicles 20 --episodes 200
+      skyrelay baseline static --uavs 4 --trace bologna
     """
-    team, traffic = span("--uavs", uavs, 16), span("--vehicles", vehicles, 255)
-
     from skyrelay.baselines.catalogue import evaluate_baseline
+    from skyrelay.coordination.settings import Shape
 
-    measures = evaluate_baseline(name, team, traffic, episodes, seed)
-    outcome: dict[str, Any] = {
-        "baseline": name,
-        "uavs": list(team),
-        "vehicles": list(traffic),
-        "episodes": episodes,
-        "seed": seed,
-        **measures,
-    }
-    print_result(outcome, as_json)
+    # No baseline looks at the maps: their size does not matter.
+    starts, traces = played.unseen(
+        uavs, vehicles, games, ratio, trace, zone_side, step_seconds, episodes, seed, Shape.n, Shape.zoom
+    )
+    outcome: dict[str, Any] = {"baseline": name, "uavs": uavs, "vehicles": vehicles}
+    outcome |= {"trace": trace} if trace else {"games": games}
+    outcome |= {"episodes": episodes, "seed": seed}
+    print_result(outcome | evaluate_baseline(name, seed, starts, traces), as_json)

@@ -45,14 +45,29 @@ def greedy_episodes(
     return _per_episode(scores)
 
 
+def unseen_key(seed: int) -> PRNGKeyArray:
+    """Of the games that a seed evaluates on; no training plays them."""
+    return jax.random.fold_in(jax.random.key(seed), UNSEEN)
+
+
+def starts(key: PRNGKeyArray, episodes: int, shape: Shape, domain: Domain) -> game.State:
+    """Where the episodes of a key begin: the very ones of `greedy_episodes`."""
+    games: game.State = jax.jit(new_games, static_argnums=(1, 2, 3))(key, episodes, shape, domain)
+    return games
+
+
 def episodes_of(
     decide: Callable[[npt.NDArray[np.float32]], npt.NDArray[np.int64]],
-    key: PRNGKeyArray,
-    episodes: int,
-    shape: Shape,
-    domain: Domain,
+    games: game.State,
+    traces: game.Trace | None = None,
 ) -> Float[Array, "4 episodes"]:
-    """The same for any policy: a function from maps [batch, 6, n, n] to actions [batch], called once a step."""
+    """The same for any policy: a function from maps [batch, 6, n, n] to actions [batch], called once a step.
+
+    Args:
+        games: the starts of the episodes, a leading axis of games.
+        traces: their vehicles where they are replayed (`skyrelay.coordination.replay`).
+    """
+    shape = games.shape
 
     @jax.jit
     def look(games: game.State) -> Float[Array, "rows 6 n n"]:
@@ -61,10 +76,9 @@ def episodes_of(
 
     @jax.jit
     def play(games: game.State, actions: Int[Array, " rows"]) -> tuple[game.State, Score]:
-        games, transition = jax.vmap(game.step)(games, actions.reshape(episodes, shape.uavs))
+        games, transition = jax.vmap(game.step)(games, actions.reshape(-1, shape.uavs), traces)
         return games, transition.score
 
-    games = jax.jit(new_games, static_argnums=(1, 2, 3))(key, episodes, shape, domain)
     scores = []
     for _ in range(shape.steps):
         games, score = play(games, jnp.asarray(decide(np.asarray(look(games)))))
@@ -95,7 +109,6 @@ def _per_episode(scores: Score) -> Float[Array, "4 episodes"]:
     return jnp.stack([scores.reward.sum(0), *(measure.mean(0) for measure in means)])
 
 
-def evaluate_policy(policy: Policy, episodes: int, shape: Shape, domain: Domain, seed: int) -> dict[str, Any]:
-    """`summary` of an ONNX policy over unseen episodes: the seed's games are none that training plays."""
-    key = jax.random.fold_in(jax.random.key(seed), UNSEEN)
-    return summary(episodes_of(policy.decide, key, episodes, shape, domain))
+def evaluate_policy(policy: Policy, games: game.State, traces: game.Trace | None = None) -> dict[str, Any]:
+    """`summary` of an ONNX policy over whole episodes from these starts (`starts` of `unseen_key`, or `replayed_games`)."""
+    return summary(episodes_of(policy.decide, games, traces))

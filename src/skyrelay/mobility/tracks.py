@@ -52,7 +52,7 @@ def load_tracks(scenario: Scenario) -> Tracks:
     mobility, flight = scenario.mobility, scenario.coordination
     random = np.random.default_rng([scenario.seed, 1])
     if mobility.source == "trace":
-        trace, place = _open(mobility.trace)
+        trace, place = open_trace(mobility.trace)
         times = trace.time.min() + mobility.start + flight.step_seconds * np.arange(flight.steps + 1)
         if times[-1] > trace.time.max():
             raise TraceError(
@@ -94,7 +94,12 @@ def replay(trace: Trace, times: FloatArray, connected: np.ndarray) -> Tracks:
     return Tracks(ids, x[:, seen], y[:, seen], trace.box, trace.attribution)
 
 
-def _open(name: str) -> tuple[Trace, str]:
+def open_trace(name: str) -> tuple[Trace, str]:
+    """A trace by the name of a built-in one or a file's path, and what to call it in a message.
+
+    Raises:
+        TraceError: there is no such file, or it is no trace.
+    """
     if name in builtin_traces():
         with as_file(files("skyrelay.data") / "traces" / f"{name}.parquet") as path:
             return read_trace(path), f"built-in trace {name}"
