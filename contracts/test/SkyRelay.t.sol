@@ -2,8 +2,7 @@
 pragma solidity 0.8.26;
 
 import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
-import {SkyRelay} from "../src/SkyRelay.sol";
-import {SkyRelayExtension} from "../src/SkyRelayExtension.sol";
+import {ISkyRelayExtension} from "../src/interfaces/ISkyRelayExtension.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice What each function does and what it refuses, one behaviour a test.
@@ -35,19 +34,19 @@ contract SkyRelayTest is Fixture {
     // Deployment
 
     function test_deploymentRefusesWeightsThatDoNotSumToOne() public {
-        address extension = address(new SkyRelayExtension());
+        address extension = newExtension();
         Parameters memory p = parameters();
         p.qovWeights[0] += 1;
         vm.expectRevert(InvalidParameters.selector);
-        new SkyRelay(p, extension);
+        newRelay(p, extension);
         p = parameters();
         p.qouWeights[3] -= 1;
         vm.expectRevert(InvalidParameters.selector);
-        new SkyRelay(p, extension);
+        newRelay(p, extension);
     }
 
     function test_deploymentRefusesAMaximumOfZeroAndAnExtensionWithoutCode() public {
-        address extension = address(new SkyRelayExtension());
+        address extension = newExtension();
         for (uint256 i = 0; i < 8; ++i) {
             Parameters memory p = parameters();
             if (i == 0) p.maxBandwidth = 0;
@@ -59,14 +58,14 @@ contract SkyRelayTest is Fixture {
             if (i == 6) p.channels = 0;
             if (i == 7) p.actions = 0;
             vm.expectRevert(InvalidParameters.selector);
-            new SkyRelay(p, extension);
+            newRelay(p, extension);
         }
         vm.expectRevert(InvalidParameters.selector);
-        new SkyRelay(parameters(), address(0x1234));
+        newRelay(parameters(), address(0x1234));
     }
 
     function test_extensionAloneServesNobody() public {
-        SkyRelayExtension alone = new SkyRelayExtension();
+        ISkyRelayExtension alone = ISkyRelayExtension(newExtension());
         vm.expectRevert();
         alone.registerModel(CID, card(1, 3, 0));
         vm.expectRevert();
@@ -555,7 +554,8 @@ contract SkyRelayTest is Fixture {
         more.registerModel(cidOf(64), card(1, 5, 0));
         equal(more.modelCount(), 64, "count");
         more.retireModel(more.modelAt(10));
-        check(more.registerModel(cidOf(64), card(1, 5, 0)) == more.modelAt(63), "appended");
+        bytes32 registered = more.registerModel(cidOf(64), card(1, 5, 0));
+        check(more.modelAt(63) == registered, "appended");
     }
 
     // Reputation

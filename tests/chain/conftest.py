@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -47,9 +48,10 @@ def free_port() -> int:
 
 
 def start_anvil(port: int, *options: str) -> subprocess.Popen[bytes]:
-    binaries = sorted((ROOT / "contracts" / "node_modules" / "@foundry-rs").glob("anvil-*/bin/anvil"))
-    assert binaries, "anvil is missing: run `npm ci` in contracts/"
-    command = [str(binaries[0]), "--silent", "--hardfork", "london", "--port", str(port), "--order", "fifo"]
+    places = os.pathsep.join([str(ROOT / "contracts" / "node_modules" / ".bin"), os.environ["PATH"]])
+    binary = shutil.which("anvil", path=places)
+    assert binary, "no anvil in contracts/node_modules or on PATH: run `npm ci` in contracts/"
+    command = [binary, "--silent", "--hardfork", "london", "--port", str(port), "--order", "fifo"]
     command += ["--gas-price", "0", "--block-base-fee-per-gas", "0", "--gas-limit", "30000000", *options]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, env={**os.environ, "RUST_LOG": "off"})
 

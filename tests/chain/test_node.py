@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import socket
 import time
 from collections.abc import Iterator
@@ -11,15 +10,13 @@ from pathlib import Path
 import pytest
 from chain_rounds import World
 from json_rpc_node import Node
-from typer.testing import CliRunner
 
 from skyrelay.chain.abi import ContractError
 from skyrelay.chain.accounts import PASSWORD, PASSWORD_FILE, Keyring
-from skyrelay.chain.audit import audit_node
 from skyrelay.chain.chain import Call
 from skyrelay.chain.client import IovClient, Settings, VehicleRecord
+from skyrelay.chain.embedded import EmbeddedChain
 from skyrelay.chain.node import NodeChain
-from skyrelay.cli.main import app
 from skyrelay.core.errors import ChainError
 
 
@@ -51,18 +48,14 @@ def assert_each_mined_once(node: Node, client: IovClient, count: int) -> None:
     assert failed == []
 
 
-def test_a_whole_round_and_its_audit_from_the_address_alone(node: Node) -> None:
-    world = World(connect(node), uavs=4, vehicles=8)
-    world.found()
-    world.play(periods=1)
-    report = audit_node(connect(node), world.client.address)
-    assert report.differences == []
-    assert report.checked["vehicles selected"] > 0
-    result = CliRunner().invoke(
-        app, ["audit", "--chain", node.url, "--contract", world.client.address, "--json"], standalone_mode=False
-    )
-    assert result.return_value == 0
-    assert json.loads(result.stdout)["checked"]["proposals"] == report.checked["proposals"]
+def test_a_whole_round_leaves_the_events_of_the_embedded_chain(node: Node) -> None:
+    worlds = [World(chain, uavs=4, vehicles=8) for chain in (connect(node), EmbeddedChain())]
+    for world in worlds:
+        world.found()
+        world.play(periods=1)
+    on_node, embedded = ([event.name for event in world.client.events()] for world in worlds)
+    assert sorted(on_node) == sorted(embedded)
+    assert "UAVAllocated" in on_node
 
 
 def test_many_transactions_of_one_sender_follow_each_other(node: Node) -> None:

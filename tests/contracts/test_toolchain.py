@@ -53,7 +53,8 @@ def test_slither_has_nothing_to_say():
 
 
 def test_foundry_compiles_with_the_settings_of_the_artifacts():
-    profile = tomllib.loads((CONTRACTS / "foundry.toml").read_text())["profile"]["default"]
+    profiles = tomllib.loads((CONTRACTS / "foundry.toml").read_text())["profile"]
+    profile = profiles["default"] | profiles["source"]
     settings = json.loads((CONTRACTS / "settings.json").read_text())
     assert profile["evm_version"] == settings["evmVersion"] == "london"
     assert profile["via_ir"] == settings["viaIR"]

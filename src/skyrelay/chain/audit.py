@@ -1,8 +1,9 @@
 """The audit: is every selection, by the chain's own record, what the published algorithm gives.
 
 On a run folder the record is executed again, block by block, then the contract's events are followed by the Python
-reference, then the tables and the summary beside the record are compared with it. On a node the blocks' links and the
-events are checked the same way, with nothing but the contract's address.
+reference, then the tables and the summary beside the record are compared with it. On a node, with nothing but the
+contract's address, each block's hash is worked out from what the node tells of it, down to every transaction and
+receipt, and the validators' seals on it are checked; the events of these receipts are then followed the same way.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from skyrelay.chain.ledger import FILE_NAME, Block
 from skyrelay.chain.node import NodeChain
 from skyrelay.chain.reference import ReferenceContract
 from skyrelay.chain.replay import Difference, replay
+from skyrelay.chain.sealed import SealedBlocks
 from skyrelay.core.errors import ChainError, RunFolderError
 
 CHAIN_FOLDER = "chain"
@@ -45,11 +47,13 @@ class AuditReport:
         subject: the run folder, or the endpoint and the contract.
         checked: how many of each thing were compared.
         differences: every one found; none where all agree.
+        given: what nothing here can confirm, by name: the reader compares it with a source of their own.
     """
 
     subject: str
     checked: Counter[str] = field(default_factory=Counter)
     differences: list[Difference] = field(default_factory=list)
+    given: dict[str, str] = field(default_factory=dict)
 
     @property
     def agrees(self) -> bool:
@@ -108,6 +112,8 @@ def audit_run(folder: Path, progress: Progress = _in_silence) -> AuditReport:
 def audit_node(chain: NodeChain, address: str, progress: Progress = _in_silence) -> AuditReport:
     """Audit a contract on a node.
 
+    Nothing that the node says is taken on trust but what `AuditReport.given` names.
+
     Args:
         progress: is told the name of each stage.
     Raises:
@@ -117,14 +123,18 @@ def audit_node(chain: NodeChain, address: str, progress: Progress = _in_silence)
     report = AuditReport(f"{client.address} on chain {chain.chain_id}")
     last = chain.block_number
     progress("reading the events")
-    logs = chain.logs(client.address, 0, last)
-    progress("checking the blocks' links")
-    _check_links(chain, logs[0].block if logs else last, last, report)
+    told = chain.logs(client.address, 0, last)
+    progress("checking blocks, seals, transactions and receipts")
+    blocks = SealedBlocks(chain, client.address, report)
+    blocks.read(told[0].block if told else last, last)
+    if blocks.logs != told:
+        report.differences.append(
+            Difference("eth_getLogs", f"{len(told)} logs", f"the {len(blocks.logs)} of the blocks' receipts")
+        )
     progress("rebuilding every selection")
-    places = sorted({(entry.block, entry.transaction) for entry in logs})
-    transactions = dict(zip(places, chain.transactions(places), strict=True))
-    report.checked["transactions"] = len(places)
-    _follow(logs, transactions, client.address, report)
+    events = _follow(blocks.logs, blocks.transactions, client.address, report)
+    deployed = [event.args["extension"].lower() for event in events if event.name == "Deployed"]
+    blocks.check_code({client.address: contract(), **dict.fromkeys(deployed[:1], extension())})
     return report
 
 
@@ -166,17 +176,6 @@ def _deployments(blocks: Sequence[Block]) -> list[str]:
         and contract().matches(codes.get(entry.address, b""))
         and extension().matches(codes.get(contract().event(entry).args["extension"], b""))
     ]
-
-
-def _check_links(chain: NodeChain, first: int, last: int, report: AuditReport) -> None:
-    """Every block from the contract's first on names the block before it."""
-    before = None
-    for header in chain.blocks(range(first, last + 1)):
-        if before is not None and header["parentHash"] != before["hash"]:
-            place = f"block {int(header['number'], 16)}: parent"
-            report.differences.append(Difference(place, header["parentHash"], f"{before['hash']}, the block before"))
-        before = header
-        report.checked["blocks"] += 1
 
 
 def _summary(path: Path, report: AuditReport) -> Mapping[str, Any] | None:

@@ -131,37 +131,40 @@ class NodeChain:
 
     # Beyond it
 
-    def blocks(self, numbers: Sequence[int]) -> list[dict[str, Any]]:
-        """Blocks' headers, as the node tells them.
+    def blocks(self, numbers: Sequence[int], *, whole: bool = False) -> list[dict[str, Any]]:
+        """Blocks, as the node tells them.
+
+        Args:
+            whole: with their transactions, not only the hashes of those.
+        Raises:
+            ChainError: the node lacks one.
+        """
+        return self._told("eth_getBlockByNumber", [[hex(number), whole] for number in numbers], "block")
+
+    def receipts(self, hashes: Sequence[str]) -> list[dict[str, Any]]:
+        """Receipts of transactions, as the node tells them.
 
         Raises:
             ChainError: the node lacks one.
         """
-        replies = self._batch([("eth_getBlockByNumber", [hex(number), False]) for number in numbers])
+        return self._told("eth_getTransactionReceipt", [[digest] for digest in hashes], "receipt of transaction")
+
+    def account_proofs(self, addresses: Sequence[str], block: int) -> list[dict[str, Any]]:
+        """What a block's state has at these addresses, each with its proof (EIP-1186), as the node tells it.
+
+        Raises:
+            ChainError: the node gives none.
+        """
+        return self._told("eth_getProof", [[address, [], hex(block)] for address in addresses], "proof of account")
+
+    def _told(self, method: str, parameters: Sequence[list[Any]], what: str) -> list[dict[str, Any]]:
+        replies = self._batch([(method, params) for params in parameters])
         found: list[dict[str, Any]] = []
-        for number, reply in zip(numbers, replies, strict=True):
-            block = _result(reply, "eth_getBlockByNumber")
-            if block is None:
-                raise ChainError(f"{self._urls[0]}: block", number, "a block that the node has")
-            found.append(block)
-        return found
-
-    def transactions(self, places: Sequence[tuple[int, int]]) -> list[tuple[str, str | None]]:
-        """Sender and recipient of the transactions at these places (block, place in it).
-
-        Raises:
-            ChainError: the node lacks one.
-        """
-        replies = self._batch(
-            [("eth_getTransactionByBlockNumberAndIndex", [hex(block), hex(index)]) for block, index in places]
-        )
-        found: list[tuple[str, str | None]] = []
-        for (block, index), reply in zip(places, replies, strict=True):
-            transaction = _result(reply, "eth_getTransactionByBlockNumberAndIndex")
-            if transaction is None:
-                raise ChainError(f"{self._urls[0]}: block {block}", f"no transaction {index}", "one that the node has")
-            to = transaction["to"]
-            found.append((transaction["from"].lower(), to and to.lower()))
+        for params, reply in zip(parameters, replies, strict=True):
+            result = _result(reply, method)
+            if not isinstance(result, dict):
+                raise ChainError(f"{self._urls[0]}: {what}", params[0], "one that the node has")
+            found.append(result)
         return found
 
     # Sending

@@ -133,11 +133,12 @@ class ReferenceContract:
         self._place = ""
 
     def follow(self, events: Iterable[Event]) -> None:
-        """Check events, in the chain's order."""
+        """Check events, in the chain's order; without the parameters of Deployed before them none can be checked."""
         for event in events:
             self._place = f"block {event.block}, transaction {event.transaction}, log {event.index}: {event.name}"
-            if self._parameters is None and event.name != "Deployed":
+            if self._fixed is None and event.name != "Deployed":
                 self._differs("comes first", "Deployed before it")
+                return
             self.checked["events"] += 1
             check = getattr(self, f"_on_{event.name}", None)
             if check is None:
@@ -153,12 +154,12 @@ class ReferenceContract:
     def _on_Deployed(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802  (events keep their names)
         self._expect("deployments", int(self._parameters is not None), 0)
         parameters = args["parameters"]
-        self._parameters = parameters
-        self._deployment = (event.block, event.transaction)
         a, b, c, d = parameters["qovWeights"]
         self._fixed = FixedParameters(
             (a, b, c, d), parameters["maxDemand"], parameters["maxPayment"], parameters["maxDistance"]
         )
+        self._parameters = parameters
+        self._deployment = (event.block, event.transaction)
 
     def _on_UAVRegistered(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
         uav = args["uav"]

@@ -53,6 +53,7 @@ def command(
             "agrees": report.agrees,
             "checked": dict(report.checked),
             "differences": differences,
+            "given": report.given,
         }
         typer.echo(json.dumps(result, indent=2))
         return 0 if report.agrees else 1
@@ -64,5 +65,9 @@ def command(
         typer.echo(f"DIFFERENT  {difference}")
     if len(report.differences) > SHOWN:
         typer.echo(f"... and {len(report.differences) - SHOWN:,} more (all with --json)")
+    if report.given:
+        typer.echo("Compare with what you know from elsewhere:")
+    for name, value in report.given.items():
+        typer.echo(f"  {name}: {value}")
     typer.echo("All agree." if report.agrees else f"{len(report.differences):,} differences.")
     return 0 if report.agrees else 1

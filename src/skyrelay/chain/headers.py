@@ -1,0 +1,240 @@
+"""Ethereum blocks as a node tells them, worked out again: hashes, roots, senders, and who sealed them.
+
+A block's hash covers its header, the header the roots of its transactions and receipts, and the validators sign the
+hash: what a node tells is either what they sealed or does not fit. Every function raises `UNREADABLE` where the node's
+answer is not of the form that Ethereum's JSON-RPC gives.
+
+Source: Ethereum Yellow Paper, section 4.3; EIP-155, 225 (Clique), 1559, 2718, 2930; the headers of GoQuorum's QBFT and
+IBFT.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import rlp  # type: ignore[import-untyped]
+from eth_hash.auto import keccak
+from eth_keys.datatypes import Signature
+from eth_keys.exceptions import BadSignature
+from eth_utils.exceptions import ValidationError
+
+from skyrelay.chain.chain import LogEntry
+from skyrelay.chain.trie import Node, encode, list_root
+
+UNREADABLE = (
+    KeyError,
+    IndexError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    rlp.RLPException,
+    BadSignature,
+    ValidationError,
+)
+"""What an answer of the wrong form raises."""
+
+_ISTANBUL = "0x63746963616c2062797a616e74696e65206661756c7420746f6c6572616e6365"
+"""mixHash of QBFT's and IBFT's headers."""
+_VANITY, _SEAL = 32, 65
+_IBFT_COMMIT = b"\x02"
+
+_HEADER = (
+    ("parentHash", False),
+    ("sha3Uncles", False),
+    ("miner", False),
+    ("stateRoot", False),
+    ("transactionsRoot", False),
+    ("receiptsRoot", False),
+    ("logsBloom", False),
+    ("difficulty", True),
+    ("number", True),
+    ("gasLimit", True),
+    ("gasUsed", True),
+    ("timestamp", True),
+    ("extraData", False),
+    ("mixHash", False),
+    ("nonce", False),
+)
+"""Fields of a header in their order, and whether they are numbers; London appends the base fee."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seal:
+    """Who vouches for a block.
+
+    Attributes:
+        signers: of the seals in it; none where the protocol puts none into its headers.
+        validators: that the header names as entitled; None where it names none (Clique between its checkpoints).
+    """
+
+    signers: frozenset[str]
+    validators: frozenset[str] | None
+
+    @property
+    def quorum(self) -> int:
+        """How many of the validators must have signed: two thirds, rounded up."""
+        return 0 if self.validators is None else -(-2 * len(self.validators) // 3)
+
+
+@dataclass(frozen=True, slots=True)
+class Transaction:
+    """What a transaction's signed bytes say: its hash, its sender, its recipient (None: it creates a contract)."""
+
+    hash: str
+    sender: str
+    to: str | None
+
+
+def header_hash(header: Mapping[str, Any]) -> tuple[str, Seal]:
+    """A block's hash and its seal.
+
+    QBFT and IBFT leave the commit seals out of the hash (QBFT the round, too), as they come after it; Clique's seal is
+    in the hash and signs all but itself.
+    """
+    fields = [_quantity(header[name]) if number else _bytes(header[name]) for name, number in _HEADER]
+    if "baseFeePerGas" in header:
+        fields.append(_quantity(header["baseFeePerGas"]))
+    place = [name for name, _ in _HEADER].index("extraData")
+
+    def digest(extra: bytes) -> bytes:
+        return bytes(keccak(encode([*fields[:place], extra, *fields[place + 1 :]])))
+
+    extra = fields[place]
+    if header["mixHash"] == _ISTANBUL:
+        ibft = _ibft_extra(extra)
+        if ibft is not None:
+            validators, proposer, seals = ibft
+            found = digest(extra[:_VANITY] + encode([validators, proposer, []]))
+            signed = bytes(keccak(found + _IBFT_COMMIT))
+        else:
+            vanity, validators, vote, round_, seals = rlp.decode(extra, strict=True)
+            found = digest(encode([vanity, validators, vote, b"", []]))
+            signed = digest(encode([vanity, validators, vote, round_, []]))
+        signers = frozenset(_signer(signed, seal) for seal in seals)
+        return "0x" + found.hex(), Seal(signers, frozenset(_address(item) for item in validators))
+    signers = frozenset()
+    if len(extra) >= _VANITY + _SEAL:
+        signers = frozenset({_signer(digest(extra[:-_SEAL]), extra[-_SEAL:])})
+    return "0x" + digest(extra).hex(), Seal(signers, None)
+
+
+def transactions_root(raw: Sequence[bytes]) -> str:
+    """The root that a header names for signed transactions."""
+    return "0x" + list_root(raw).hex()
+
+
+def raw_transaction(told: Mapping[str, Any]) -> bytes:
+    """The signed bytes of a transaction."""
+    kind, unsigned, signature = _transaction(told)
+    return kind + encode([*unsigned, *signature])
+
+
+def transaction(told: Mapping[str, Any]) -> Transaction:
+    """Hash, sender and recipient by a transaction's signed bytes."""
+    kind, unsigned, signature = _transaction(told)
+    v = int.from_bytes(signature[0], "big")
+    if not kind and v >= 35:
+        chain_id, parity = divmod(v - 35, 2)
+        unsigned = [*unsigned, _number(chain_id), b"", b""]
+    else:
+        parity = v if kind else v - 27
+    r, s = (item.rjust(32, b"\0") for item in signature[1:])
+    sender = _signer(bytes(keccak(kind + encode(unsigned))), r + s + bytes([parity]))
+    to = told["to"]
+    return Transaction("0x" + keccak(raw_transaction(told)).hex(), sender, None if to is None else _address(_bytes(to)))
+
+
+def receipts_root(receipts: Sequence[Mapping[str, Any]]) -> str:
+    """The root that a header names for its transactions' receipts."""
+    return "0x" + list_root([_receipt(receipt) for receipt in receipts]).hex()
+
+
+def receipt_logs(receipts: Sequence[Mapping[str, Any]], block: int) -> list[LogEntry]:
+    """All logs of a block's receipts, numbered by their places there."""
+    places = [(index, log) for index, receipt in enumerate(receipts) for log in receipt["logs"]]
+    return [
+        LogEntry(
+            log["address"].lower(),
+            tuple(_bytes(topic) for topic in log["topics"]),
+            _bytes(log["data"]),
+            block,
+            transaction_,
+            index,
+        )
+        for index, (transaction_, log) in enumerate(places)
+    ]
+
+
+def may_have_logs(header: Mapping[str, Any], address: str) -> bool:
+    """False where a header's bloom filter rules out that a contract emitted a log in the block."""
+    bloom, digest = int(header["logsBloom"], 16), keccak(_bytes(address))
+    bits = (int.from_bytes(digest[i : i + 2], "big") % 2048 for i in (0, 2, 4))
+    return all(bloom >> bit & 1 for bit in bits)
+
+
+def account_code_hash(account: bytes) -> bytes:
+    """The hash of a contract's code, of its entry in the state's trie."""
+    _, _, _, code_hash = rlp.decode(account, strict=True)
+    return bytes(code_hash)
+
+
+def _ibft_extra(extra: bytes) -> list[Any] | None:
+    """Validators, the proposer's seal and the commit seals where extra data has IBFT's form."""
+    try:
+        found = rlp.decode(extra[_VANITY:], strict=True)
+    except rlp.RLPException:
+        return None
+    return list(found) if isinstance(found, list) and len(found) == 3 else None
+
+
+def _transaction(told: Mapping[str, Any]) -> tuple[bytes, list[Node], list[bytes]]:
+    """Type prefix, unsigned fields, and v, r, s."""
+    kind = int(told.get("type", "0x0"), 16)
+    prices = ["maxPriorityFeePerGas", "maxFeePerGas"] if kind == 2 else ["gasPrice"]
+    fields: list[Node] = [_quantity(told[name]) for name in ("nonce", *prices, "gas")]
+    to = told["to"]
+    fields += [b"" if to is None else _bytes(to), _quantity(told["value"]), _bytes(told["input"])]
+    signature = [_quantity(told[name]) for name in ("v", "r", "s")]
+    if kind == 0:
+        return b"", fields, signature
+    if kind not in (1, 2):
+        raise ValueError(f"a transaction of type {kind}")
+    access: Node = [
+        [_bytes(entry["address"]), [_bytes(key) for key in entry["storageKeys"]]] for entry in told["accessList"]
+    ]
+    return bytes([kind]), [_quantity(told["chainId"]), *fields, access], signature
+
+
+def _receipt(told: Mapping[str, Any]) -> bytes:
+    kind = int(told.get("type", "0x0"), 16)
+    logs: Node = [
+        [_bytes(log["address"]), [_bytes(topic) for topic in log["topics"]], _bytes(log["data"])]
+        for log in told["logs"]
+    ]
+    body = [_quantity(told["status"]), _quantity(told["cumulativeGasUsed"]), _bytes(told["logsBloom"]), logs]
+    return (bytes([kind]) if kind else b"") + encode(body)
+
+
+def _signer(digest: bytes, seal: bytes) -> str:
+    """The address that signed: r, s and the parity, 65 bytes."""
+    return "0x" + Signature(seal).recover_public_key_from_msg_hash(digest).to_canonical_address().hex()
+
+
+def _address(data: bytes) -> str:
+    if len(data) != 20:
+        raise ValueError(f"an address of {len(data)} bytes")
+    return "0x" + data.hex()
+
+
+def _quantity(text: str) -> bytes:
+    return _number(int(text, 16))
+
+
+def _number(value: int) -> bytes:
+    return value.to_bytes((value.bit_length() + 7) // 8, "big")
+
+
+def _bytes(text: str) -> bytes:
+    return bytes.fromhex(text.removeprefix("0x"))

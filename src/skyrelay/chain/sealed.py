@@ -1,0 +1,184 @@
+"""Reads a contract's blocks from a node and believes only what the validators' seals cover."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+from eth_hash.auto import keccak
+
+from skyrelay.chain.abi import Contract
+from skyrelay.chain.chain import LogEntry
+from skyrelay.chain.headers import (
+    UNREADABLE,
+    Seal,
+    Transaction,
+    account_code_hash,
+    header_hash,
+    may_have_logs,
+    raw_transaction,
+    receipt_logs,
+    receipts_root,
+    transaction,
+    transactions_root,
+)
+from skyrelay.chain.node import NodeChain
+from skyrelay.chain.replay import Difference
+from skyrelay.chain.trie import proven
+
+_AT_ONCE = 100
+"""Blocks that are asked for together."""
+
+
+class Findings(Protocol):
+    """Where the checks leave what they did and found: an `AuditReport`."""
+
+    checked: Counter[str]
+    differences: list[Difference]
+    given: dict[str, str]
+
+
+class SealedBlocks:
+    """The blocks of one contract.
+
+    Args:
+        report: takes counts, differences, and what the reader must know to be right.
+
+    Attributes:
+        logs: of the contract, as the receipts have them, in order.
+        transactions: sender and recipient of those in blocks with logs, by block and place.
+    """
+
+    def __init__(self, chain: NodeChain, address: str, report: Findings) -> None:
+        self.logs: list[LogEntry] = []
+        self.transactions: dict[tuple[int, int], tuple[str, str | None]] = {}
+        self._chain = chain
+        self._address = address
+        self._report = report
+        self._parent: str | None = None
+        self._validators: frozenset[str] | None = None
+        self._sealed: Counter[str] = Counter()
+        self._state = (0, "0x")
+
+    def read(self, first: int, last: int) -> None:
+        """Read and check the blocks from ``first`` to ``last``, both included.
+
+        Raises:
+            ChainError: the node is out of reach, or lacks one of them or of their receipts.
+        """
+        for start in range(first, last + 1, _AT_ONCE):
+            numbers = range(start, min(start + _AT_ONCE, last + 1))
+            checked = []
+            for number, told in zip(numbers, self._chain.blocks(numbers, whole=True), strict=True):
+                place = f"block {number}"
+                try:
+                    self._check_header(place, number, told)
+                    checked.append((place, number, told, self._check_transactions(place, told)))
+                except UNREADABLE as error:
+                    self._differs(place, f"not readable ({error!r})", "a block of Ethereum's JSON-RPC")
+                    self._parent = None
+            self._read_logs(checked)
+        self._report.given[f"block {last}"] = self._parent or "none that can be read"
+        sealers = ", ".join(f"{address} ({count:,})" for address, count in sorted(self._sealed.items()))
+        self._report.given["blocks sealed by"] = sealers or "nobody: this chain's headers carry no seals"
+
+    def check_code(self, contracts: Mapping[str, Contract]) -> None:
+        """Check what stands at these addresses in the last block's state, by proof.
+
+        Raises:
+            ChainError: the node is out of reach, or gives no proof.
+        """
+        block, root = self._state
+        for (address, expected), proof in zip(
+            contracts.items(), self._chain.account_proofs(list(contracts), block), strict=True
+        ):
+            code = self._chain.code(address)
+            place = f"code of {address} in block {block}"
+            try:
+                nodes = [bytes.fromhex(node[2:]) for node in proof["accountProof"]]
+                account = proven(bytes.fromhex(root[2:]), keccak(bytes.fromhex(address[2:])), nodes)
+                proven_hash = b"" if account is None else account_code_hash(account)
+            except UNREADABLE as error:
+                self._differs(place, f"no proof ({error!r})", f"one that leads to the state's root {root}")
+                continue
+            self._report.checked["contracts' code proven"] += 1
+            if not expected.matches(code):
+                self._differs(place, f"{len(code)} other bytes", "the code of this version")
+            elif proven_hash != keccak(code):
+                self._differs(place, f"0x{keccak(code).hex()}", f"0x{proven_hash.hex()} by the state")
+
+    def _check_header(self, place: str, number: int, told: Mapping[str, Any]) -> None:
+        digest, seal = header_hash(told)
+        self._report.checked["blocks"] += 1
+        if int(told["number"], 16) != number:
+            self._differs(f"{place}: number", str(int(told["number"], 16)), str(number))
+        if told["hash"] != digest:
+            self._differs(f"{place}: hash", str(told["hash"]), f"{digest} by its header")
+        if self._parent is not None and told["parentHash"] != self._parent:
+            self._differs(f"{place}: parent", str(told["parentHash"]), f"{self._parent}, the block before")
+        self._check_seal(place, seal)
+        self._parent = digest
+        self._state = (number, told["stateRoot"])
+
+    def _check_seal(self, place: str, seal: Seal) -> None:
+        """Enough of the validators, and validators whom enough of those before them accepted."""
+        self._sealed.update(seal.signers)
+        self._report.checked["seals"] += len(seal.signers)
+        if seal.validators is None:
+            return
+        if not seal.signers <= seal.validators:
+            strangers = ", ".join(sorted(seal.signers - seal.validators))
+            self._differs(f"{place}: sealed by", strangers, "validators that its header names")
+        entitled = len(seal.signers & seal.validators)
+        if entitled < seal.quorum:
+            self._differs(f"{place}: seals", f"of {entitled} validators", f"of {seal.quorum} at least")
+        if self._validators is not None and seal.validators != self._validators:
+            # Fewer than a third are dishonest, so one honest validator is among these signers and has seen the vote.
+            self._report.checked["changes of the validators"] += 1
+            if 3 * len(seal.signers & self._validators) <= len(self._validators):
+                self._differs(
+                    f"{place}: validators",
+                    ", ".join(sorted(seal.validators)),
+                    "a set that more than a third of the one before has sealed",
+                )
+        self._validators = seal.validators
+
+    def _check_transactions(self, place: str, told: Mapping[str, Any]) -> list[Transaction]:
+        root = transactions_root([raw_transaction(entry) for entry in told["transactions"]])
+        if told["transactionsRoot"] != root:
+            self._differs(f"{place}: transactions", f"with root {root}", str(told["transactionsRoot"]))
+        if not may_have_logs(told, self._address):
+            return []
+        found = [transaction(entry) for entry in told["transactions"]]
+        self._report.checked["signatures of transactions"] += len(found)
+        for index, (entry, known) in enumerate(zip(told["transactions"], found, strict=True)):
+            for name, value in (("hash", known.hash), ("from", known.sender)):
+                if str(entry[name]).lower() != value:
+                    self._differs(
+                        f"{place}, transaction {index}: {name}", str(entry[name]), f"{value} by its signature"
+                    )
+        return found
+
+    def _read_logs(self, blocks: Sequence[tuple[str, int, Mapping[str, Any], list[Transaction]]]) -> None:
+        hashes = [transaction.hash for _, _, _, transactions in blocks for transaction in transactions]
+        told = iter(self._chain.receipts(hashes))
+        for place, number, block, transactions in blocks:
+            if not transactions:
+                continue
+            receipts = [next(told) for _ in transactions]
+            try:
+                root = receipts_root(receipts)
+                if block["receiptsRoot"] != root:
+                    self._differs(f"{place}: receipts", f"with root {root}", str(block["receiptsRoot"]))
+                self._report.checked["receipts"] += len(receipts)
+                self.logs += [log for log in receipt_logs(receipts, number) if log.address == self._address]
+            except UNREADABLE as error:
+                self._differs(
+                    place, f"receipts not readable ({error!r})", "receipts in the form of Ethereum's JSON-RPC"
+                )
+            for index, known in enumerate(transactions):
+                self.transactions[number, index] = (known.sender, known.to)
+
+    def _differs(self, place: str, found: str, expected: str) -> None:
+        self._report.differences.append(Difference(place, found, expected))

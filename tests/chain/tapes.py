@@ -1,0 +1,94 @@
+"""Answers of real validators, recorded, so that audits of their chains are tested without them.
+
+    python tests/chain/tapes.py
+
+records them anew: a small world on GoQuorum (QBFT, IBFT) and go-ethereum (Clique), which `make nodes` builds.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import rlp
+from chain_rounds import World
+
+from skyrelay.chain import devnet
+from skyrelay.chain.accounts import Keyring
+from skyrelay.chain.audit import audit_node
+from skyrelay.chain.devnet import Devnet
+from skyrelay.chain.node import NodeChain
+
+FOLDER = Path(__file__).parent / "tapes"
+CONSENSUS = ("qbft", "ibft", "clique")
+
+
+class RecordingChain(NodeChain):
+    """A node's chain that keeps every answer."""
+
+    tape: dict[str, Any]
+
+    def _post(self, requests_: Sequence[tuple[str, list[Any]]], patience: float) -> list[dict[str, Any]]:
+        replies = super()._post(requests_, patience)
+        self.__dict__.setdefault("tape", {}).update(
+            (json.dumps(request), reply["result"]) for request, reply in zip(requests_, replies, strict=True)
+        )
+        return replies
+
+
+class PlayedChain(NodeChain):
+    """A node's chain from a tape; what is not on it is not known to the node."""
+
+    def __init__(self, tape: dict[str, Any], confirmations: int = 0) -> None:
+        self.tape = tape
+        super().__init__("http://tape", Keyring.ephemeral(), confirmations=confirmations)
+
+    def _post(self, requests_: Sequence[tuple[str, list[Any]]], patience: float) -> list[dict[str, Any]]:
+        return [{"result": self.tape.get(json.dumps(request))} for request in requests_]
+
+
+def read(consensus: str) -> dict[str, Any]:
+    """``contract``: its address; ``answers``: by request; ``confirmations``: that the chain was read with."""
+    return json.loads(gzip.decompress((FOLDER / f"{consensus}.json.gz").read_bytes()))
+
+
+def ibft(consensus: str, addresses: Sequence[str], chain_id: int, period: int) -> dict[str, Any]:
+    """GoQuorum's genesis for IBFT, of that for QBFT."""
+    genesis = qbft(consensus, addresses, chain_id, period)
+    del genesis["config"]["qbft"]
+    genesis["config"]["istanbul"] = {"epoch": 30_000, "policy": 0, "ceil2Nby3Block": 0}
+    accounts = [bytes.fromhex(address[2:]) for address in addresses]
+    return genesis | {"extraData": "0x" + (bytes(32) + rlp.encode([accounts, b"", []])).hex()}
+
+
+def record(consensus: str) -> None:
+    """Play a period and audit it, with a tape running."""
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Devnet.create(Path(folder) / "net", consensus="clique" if consensus == "clique" else "qbft") as network,
+    ):
+        confirmations = 3 if consensus == "clique" else 0
+        world = World(NodeChain(network.endpoints[0], Keyring.ephemeral()), uavs=4, vehicles=12)
+        world.found()
+        world.propose(1.0)
+        world.allocate(100)
+        network.wait_for_blocks(confirmations)
+        recorder = RecordingChain(network.endpoints[3], Keyring.ephemeral(), confirmations=confirmations)
+        report = audit_node(recorder, world.client.address)
+        if not report.agrees:
+            raise SystemExit(f"{consensus}: {report.differences[0]}")
+        tape = {"contract": world.client.address, "confirmations": confirmations, "answers": recorder.tape}
+        FOLDER.mkdir(exist_ok=True)
+        (FOLDER / f"{consensus}.json.gz").write_bytes(gzip.compress(json.dumps(tape).encode(), mtime=0))
+        print(consensus, dict(report.checked), report.given)
+
+
+if __name__ == "__main__":
+    qbft = devnet._genesis
+    for kind in CONSENSUS:
+        devnet._genesis = ibft if kind == "ibft" else qbft
+        record(kind)
