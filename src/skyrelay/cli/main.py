@@ -18,6 +18,7 @@ from skyrelay.cli import (
     evaluate,
     explain,
     models,
+    record,
     report,
     reproduce,
     run,
@@ -42,6 +43,7 @@ app.command("report")(report.command)
 app.command("audit")(audit.command)
 app.command("explain")(explain.command)
 app.command("select")(select.command)
+app.command("record")(record.command)
 app.command("reproduce")(reproduce.command)
 app.command("train")(train.command)
 app.command("evaluate")(evaluate.command)
