@@ -98,6 +98,12 @@ def test_a_number_that_is_none_stops_with_a_clear_error(tiny, tmp_path):
     assert not (tmp_path / "policy.onnx").exists()
 
 
+def test_an_estimate_scales_a_piece_of_an_update_to_the_whole(tiny, monkeypatch):
+    clock = iter([100.0, 101.0])  # the piece, 2 of 5 steps of each game, takes a second
+    monkeypatch.setattr(training.time, "perf_counter", lambda: next(clock))
+    assert training.estimate(tiny) == pytest.approx(1.0 * 5 / 2 * tiny.updates)
+
+
 def test_seeds_side_by_side(tiny):
     results = list(learn_side_by_side(tiny, [3, 8]))
     assert [steps for steps, _ in results] == [40, 80]

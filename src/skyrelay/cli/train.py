@@ -46,11 +46,13 @@ def command(
 
     from skyrelay.cli.training_progress import TrainingProgress
     from skyrelay.learning.presets import training
-    from skyrelay.learning.training import train
+    from skyrelay.learning.training import estimate, train
 
     config = training(preset, team, traffic, steps=steps, seed=seed, games=games)  # type: ignore[arg-type]
     line = shlex.join(["skyrelay", "train", *_arguments(sys.argv)])
     with TrainingProgress() as progress:
+        if preset == "paper":
+            progress.promise(estimate(config))  # hours on a CPU
         result = train(config, out, resume=resume, report=progress, name=name, command=line, tensorboard=tensorboard)
     print_result(_outcome(result, out), as_json)
     if not result.finished:

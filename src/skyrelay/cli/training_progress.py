@@ -38,6 +38,10 @@ class TrainingProgress:
     ) -> None:
         self._bar.stop()
 
+    def promise(self, seconds: float) -> None:
+        """Say before it begins how long a training will take."""
+        self._console.print(f"about {_duration(seconds)} of training on this machine; Ctrl-C leaves a checkpoint")
+
     def __call__(self, report: Report) -> None:
         """Show a report."""
         self._bar.update(self._task, description=report.stage, completed=report.update, total=report.updates)

@@ -176,6 +176,23 @@ def compiled_update(config: Training, learner: Learner) -> Callable[[Learner], t
     return compiled
 
 
+def estimate(config: Training) -> float:
+    """Seconds that the updates of a training will take on this machine, compilation apart.
+
+    Times a piece of one update: the same games, networks, epochs and size of minibatches over a short horizon. Both
+    collecting and optimising grow with the horizon.
+    """
+    whole = config.hyperparameters
+    horizon = max(1, whole.horizon // whole.minibatches)
+    piece = dataclasses.replace(config, hyperparameters=dataclasses.replace(whole, horizon=horizon, minibatches=1))
+    learner = _begin(piece)
+    turn = compiled_update(piece, learner)
+    jax.block_until_ready(learner)
+    began = time.perf_counter()
+    jax.block_until_ready(turn(learner))
+    return (time.perf_counter() - began) * whole.horizon / horizon * config.updates
+
+
 def learn_side_by_side(config: Training, seeds: Sequence[int]) -> Iterator[tuple[int, dict[str, Any]]]:
     """Train several seeds at once, as one compiled program.
 
