@@ -107,6 +107,9 @@ class Selection(_Section):
     rounds: Annotated[int, Field(ge=1, le=1000)] = Field(
         1, description="1: the paper; more: a rejected vehicle proposes again, up to deferred acceptance"
     )
+    hysteresis: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = Field(
+        0.0, description="a vehicle leaves the UAV that served it only for one with so many more points of QoU"
+    )
 
 
 class Coordination(_Section):

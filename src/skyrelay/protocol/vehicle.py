@@ -13,7 +13,7 @@ from skyrelay.core.scenario import Selection as Settings
 from skyrelay.protocol.sequence import VEHICLE, Machine, VehicleMessage, VehicleState
 from skyrelay.protocol.zone_view import ZoneView
 from skyrelay.selection.proposal import propose
-from skyrelay.selection.quality import pair_qou
+from skyrelay.selection.quality import are_candidates, pair_qou
 
 _OPEN = frozenset({VehicleState.PROPOSED, VehicleState.SERVED, VehicleState.UNSERVED})
 
@@ -52,6 +52,7 @@ class VehicleAgent:
         """Address of the UAV that serves it, or that it has proposed to."""
         self._settings = settings
         self._refused_by: set[str] = set()
+        self._served_by: str | None = None
         self._table: VehicleTable | None = None
 
     @property
@@ -77,14 +78,20 @@ class VehicleAgent:
         return send(self.address, VehicleRecord(x, y, self.payment, zone))
 
     def choose(self, view: ZoneView) -> Choice:
-        """Algorithm 1 over the zone's UAVs, leaving out those that refused it in this period."""
+        """Algorithm 1 over the zone's UAVs, leaving out those that refused it in this period.
+
+        With `selection.hysteresis` the UAV that served it in the last period is asked again unless another is so much
+        better: every hand-over costs the user the link.
+        """
         if self._table is None:
             raise RuntimeError("a vehicle reports before it chooses")
         self.machine.advance(VehicleMessage.READ_ZONE)
         refused = np.array([[address in self._refused_by for address in view.uavs.ids]], dtype=bool)
         column = int(propose(self._table, view.uavs, self._settings, refused)[0])
         columns = np.arange(len(view.uavs.ids))
-        qou = pair_qou(self._table, view.uavs, np.zeros_like(columns), columns, self._settings)
+        pairs = (self._table, view.uavs, np.zeros_like(columns), columns, self._settings)
+        qou = np.where(are_candidates(*pairs), pair_qou(*pairs), -np.inf)
+        column = self._or_stay(column, qou, view)
         weighed = {
             address: float(score) for address, score in zip(view.uavs.ids, qou, strict=True) if np.isfinite(score)
         }
@@ -92,6 +99,16 @@ class VehicleAgent:
             self.machine.advance(VehicleMessage.ABSTAIN)
             return Choice(None, 0.0, weighed)
         return Choice(view.uavs.ids[column], float(qou[column]), weighed)
+
+    def _or_stay(self, column: int, qou: FloatArray, view: ZoneView) -> int:
+        """The best UAV's column, or that of the one before."""
+        if self._settings.hysteresis == 0.0 or column < 0:
+            return column
+        if self._served_by not in view.uavs.ids or self._served_by in self._refused_by:
+            return column
+        before = view.uavs.ids.index(self._served_by)
+        stays = qou[before] > 0.0 and qou[before] + self._settings.hysteresis >= qou[column]
+        return before if stays else column
 
     def submit(self, client: IovClient, uav: str, view: ZoneView) -> Call:
         """submitVehSelection() to the chosen UAV, for the zone's present round."""
@@ -119,6 +136,7 @@ class VehicleAgent:
 
     def end_period(self) -> None:
         """resetListsForZone() has closed its zone's period."""
+        self._served_by = self.uav if self.state is VehicleState.SERVED else None
         if self.state is not VehicleState.NEW:
             self.machine.advance(VehicleMessage.RESET)
         self.uav = None

@@ -84,7 +84,7 @@ def select(
     settings: Settings | None = None,
     rounds: int | Literal["full"] | None = None,
     incumbent: IntArray | None = None,
-    hysteresis: float = 0.0,
+    hysteresis: float | None = None,
     objective: Objective = "qou",
     time_limit: float | None = None,
     gap: float = 1e-4,
@@ -99,7 +99,7 @@ def select(
             nobody has anyone left to ask (deferred acceptance); left out: as ``settings`` say.
         incumbent: of ``two-sided``: [V] index of the UAV that serves each vehicle now, or -1.
         hysteresis: of ``two-sided``: how many points of QoU above its incumbent another UAV must have for a vehicle to
-            ask it first.
+            ask it first; left out: as ``settings`` say.
         objective: of ``optimal``: the total of ``qou``, of ``qov``, or the number ``served``.
         time_limit: of ``optimal``: [s] after which the best assignment found is taken; None: no limit.
         gap: of ``optimal``: share of the bound within which an assignment is good enough.
@@ -117,7 +117,7 @@ def select(
             rule,
             round_limit(rule.rounds if rounds is None else rounds),
             _checked_incumbent(incumbent, vehicles, uavs),
-            check_hysteresis(hysteresis),
+            check_hysteresis(rule.hysteresis if hysteresis is None else hysteresis),
         )
         return _result(vehicles, uavs, assignment, rule, method, rounds=played)
     if method == "optimal":

@@ -85,7 +85,7 @@ class OnlineSelection:
         settings: weights, maxima, candidate rule; left out: the defaults.
         rounds: 1 is the paper; ``"full"``: deferred acceptance; left out: as ``settings`` say.
         hysteresis: a vehicle leaves the UAV that serves it only for one whose QoU is more than so many points higher;
-            0: it goes to the best, as in the paper.
+            0: it goes to the best, as in the paper; left out: as ``settings`` say.
     Raises:
         UsageError: a number of rounds or a hysteresis that there is not.
     """
@@ -94,11 +94,11 @@ class OnlineSelection:
         self,
         settings: Settings | None = None,
         rounds: int | Literal["full"] | None = None,
-        hysteresis: float = 0.0,
+        hysteresis: float | None = None,
     ) -> None:
         self._settings = settings or Settings()
         self._rounds = round_limit(self._settings.rounds if rounds is None else rounds)
-        self._hysteresis = check_hysteresis(hysteresis)
+        self._hysteresis = check_hysteresis(self._settings.hysteresis if hysteresis is None else hysteresis)
         self._state: _State | None = None
 
     def update(self, vehicles: VehicleTable, uavs: UavTable) -> Period:

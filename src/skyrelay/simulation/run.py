@@ -328,7 +328,10 @@ class _Run:
             battery=fleet.battery[airborne],
             reputation=fleet.reputation[airborne],
         )
-        chosen = select(vehicles, uavs, settings=self.scenario.selection).assignment
+        before = self.hovering.flight.owner[rows]
+        index = np.full(len(fleet.ids) + 1, NOBODY)  # the last one stands for nobody
+        index[airborne] = np.arange(len(airborne))
+        chosen = select(vehicles, uavs, settings=self.scenario.selection, incumbent=index[before]).assignment
         owner = np.full(len(self.tracks.ids), NOBODY)
         owner[rows[chosen >= 0]] = airborne[chosen[chosen >= 0]]
         return owner
