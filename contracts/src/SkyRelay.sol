@@ -121,7 +121,8 @@ contract SkyRelay is SkyRelayStorage, AccessControl, ISkyRelay {
         uint256 info = _uavInfo(x, y, altitude, battery, bandwidth);
         if (battery == 0) {
             _endSession(msg.sender, u);
-        } else if (bandwidth < u.bandwidth()) {
+        } else if (bandwidth < u.bandwidth() && bandwidth < _sessions[u.index()].committed()) {
+            // Whether the session is the current period's takes another slot to know, which most updates do not need.
             uint256 committed = _committed(u);
             if (bandwidth < committed) revert BandwidthCommitted(bandwidth, uint32(committed));
         }

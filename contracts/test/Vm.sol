@@ -10,6 +10,7 @@ interface Vm {
     }
 
     function assume(bool condition) external pure;
+    function deal(address account, uint256 balance) external;
     function prank(address sender) external;
     function expectRevert(bytes calldata revertData) external;
     function expectRevert(bytes4 selector) external;

@@ -2,7 +2,8 @@
 
     python tests/chain/tapes.py
 
-records them anew: a small world on GoQuorum (QBFT, IBFT) and go-ethereum (Clique), which `make nodes` builds.
+records them anew, which every change of the contract asks for: a small world on GoQuorum (QBFT, IBFT) and on
+go-ethereum (Clique), which `make nodes` builds.
 """
 
 from __future__ import annotations

@@ -34,6 +34,14 @@ def test_pieces_of_an_allocation_are_bounded(report):
         assert point.pieces / point.calls < 800_000
 
 
+def test_the_page_of_the_contract_shows_the_snapshot():
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "contract.md").read_text()
+    for row in json.loads(SNAPSHOT.read_text())["rows"]:
+        if row["paper"] is not None:
+            line = f"| {row['function']} | {row['case']} | {row['paper']:,} | {row['gas']:,} | {row['ratio']:.2f} |"
+            assert line in page.splitlines()
+
+
 def test_a_difference_is_named(report):
     changed = deepcopy(report.as_json())
     changed["rows"][0]["gas"] += 1

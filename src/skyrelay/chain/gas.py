@@ -169,18 +169,19 @@ class _Session:
         self._measure(
             "updateVehicleInfo", "", client.update_vehicle_info(name("vehicle 0"), VehicleRecord(1500.5, 99.5, 350, 1))
         )
-        self._measure(
-            "updateUAVInfo", "", client.update_uav_info(name("uav 0"), UavRecord(1501.5, 98.5, 120, 80.5, 18_000))
-        )
+        for case, bandwidth in (("bandwidth as before", 20_000), ("less bandwidth than before", 18_000)):
+            record = UavRecord(1501.5, 98.5, 120, bandwidth / 250, bandwidth)
+            self._measure("updateUAVInfo", case, client.update_uav_info(name("uav 0"), record))
         self._uav("uav of zone 2", 2)
-        self._measure("updateUAVZone", "between zones with UAVs", client.update_uav_zone(name("uav 1"), 2))
+        for case, uav in (("from within its zone's list", "uav 1"), ("from the end of its zone's list", "uav 2")):
+            self._measure("updateUAVZone", case, client.update_uav_zone(name(uav), 2))
         self._submit("vehicle 0", "uav 0", 1)
         receipt = self._submit("vehicle 1", "uav 0", 1)
         self._row("submitVehSelection", "first use of a place in the UAV's list", receipt.gas_used)
         self._run([client.allocate_zone(self.admin, 1, 60)])
         self._measure("resetListsForZone", "", client.reset_lists_for_zone(self.admin, 1))
         self._row("registerUAV", "first of a new zone", first.gas_used)
-        self._measure("updateUAVZone", "to a new zone", client.update_uav_zone(name("uav 1"), 3))
+        self._measure("updateUAVZone", "to a new zone", client.update_uav_zone(name("uav 2"), 3))
         # A UAV's two lists alternate: from the third period on, places are used again.
         for period in (2, 3):
             for vehicle in ("vehicle 0", "vehicle 1"):
