@@ -95,10 +95,8 @@ def main() -> None:
     if options.json:
         print(json.dumps(result, indent=2))
         return
-    print(
-        f"{checked['transactions']:,} transactions, {checked['proposals']:,} proposals, {checked['vehicles selected']:,} "
-        f"selections audited in {seconds:.1f} s ({processor:.1f} s of processor time)"
-    )
+    counts = ", ".join(f"{checked[name]:,} {name}" for name in ("transactions", "proposals", "vehicles selected"))
+    print(f"{counts}: audited in {seconds:.1f} s ({processor:.1f} s of processor time)")
 
 
 if __name__ == "__main__":
