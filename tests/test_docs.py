@@ -4,7 +4,9 @@ import re
 from pathlib import Path
 
 import pytest
+import typer
 
+from skyrelay.cli.main import app
 from skyrelay.core.scenario import load_scenario, to_commented_toml
 from skyrelay.protocol.sequence import UAV, VEHICLE, ZONE, UavState, VehicleState, ZoneState, to_mermaid
 from skyrelay.simulation.recorder import SCHEMAS
@@ -46,3 +48,25 @@ def test_every_link_leads_somewhere(path):
 def test_every_path_of_the_paper_map_exists():
     for target in re.findall(r"`((?:src|contracts|tests|benchmarks)/[^`]+)`", page("paper-map.md")):
         assert (ROOT / target).exists(), target
+
+
+def _commands():
+    """Every `skyrelay ...` line of the shell blocks of every page."""
+    for path in PAGES:
+        for block in re.findall(r"^```(?:sh)?\n(.*?)^```", path.read_text(), re.MULTILINE | re.DOTALL):
+            for line in block.replace("\\\n", " ").splitlines():
+                if line.startswith("skyrelay "):
+                    yield path.relative_to(ROOT), line.split(" > ")[0].split(" #")[0]
+
+
+@pytest.mark.parametrize(("path", "line"), [pytest.param(*both, id=both[1]) for both in _commands()])
+def test_every_command_in_the_docs_exists_with_its_options(path, line):
+    command = typer.main.get_command(app)
+    words = re.sub(r"[\[\]|]", " ", line).split()[1:]  # [--optional] options as a usage line shows them
+    while words and words[0] in getattr(command, "commands", {}):
+        command = command.commands[words.pop(0)]
+    assert not hasattr(command, "commands"), f"{path}: no such command: {line}"
+    known = {option for parameter in command.params for option in parameter.opts}
+    for word in words:
+        if word.startswith("--"):
+            assert word.partition("=")[0] in known, f"{path}: {word}"
