@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 
 import numpy as np
 
@@ -86,3 +87,70 @@ def connected(points, reach):
                 seen.add(j)
                 stack.append(j)
     return len(seen) == len(points)
+
+
+def blocks(ground, air, wall):
+    """Whether a wall stands in the way, by solving for where the two lines meet, in whole fractions."""
+    (px, py), (qx, qy) = (tuple(map(Fraction, map(float, point))) for point in (ground, air))
+    ax, ay, bx, by, rise = map(Fraction, map(float, wall))
+    # p + t (q - p) = a + s (b - a), by Cramer's rule.
+    a11, a12, a21, a22 = qx - px, ax - bx, qy - py, ay - by
+    determinant = a11 * a22 - a12 * a21
+    if determinant == 0:
+        return False
+    t = ((ax - px) * a22 - a12 * (ay - py)) / determinant
+    s = (a11 * (ay - py) - (ax - px) * a21) / determinant
+    return 0 < t < rise and 0 <= s <= 1
+
+
+def sees(ground, air, walls):
+    """Whether no wall blocks."""
+    return not any(blocks(ground, air, wall) for wall in walls)
+
+
+def inside(point, polygon):
+    """Whether a point is in a polygon's interior, by the even-odd rule."""
+    x, y = point
+    odd = False
+    for (x0, y0), (x1, y1) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
+        if (y0 <= y) != (y1 <= y) and x < x0 + (y - y0) / (y1 - y0) * (x1 - x0):
+            odd = not odd
+    return odd
+
+
+def obstacle_maps(uavs, vehicles, owner, reach, walls, buildings, n, zoom):
+    """[N, 3, n, n] levels; ``buildings`` are the polygons that the walls stand around."""
+    cells = n * zoom
+    built = np.array(
+        [[any(inside(((x + 0.5) / cells, (y + 0.5) / cells), b) for b in buildings) for x in range(cells)]
+         for y in range(cells)]
+    )  # fmt: skip
+    result = np.zeros((len(uavs), 3, n, n))
+    for i in range(len(uavs)):
+        left, low = (min(max(c - n // 2, 0), cells - n) for c in cell(uavs[i], cells))
+        for y in range(n):
+            for x in range(n):
+                result[i, 0, y, x] = built[low + y, left + x]
+                result[i, 1, y, x] = built[y * zoom : (y + 1) * zoom, x * zoom : (x + 1) * zoom].sum()
+                centre = ((left + x + 0.5) / cells, (low + y + 0.5) / cells)
+                result[i, 2, y, x] = sum(
+                    math.dist(vehicles[v], centre) <= reach and sees(vehicles[v], centre, walls)
+                    for v in range(len(vehicles))
+                    if owner[v] == i
+                )
+    return result
+
+
+def energy_maps(uavs, charger, charge, n, zoom):
+    """[N, 3, n, n] levels."""
+    cells = n * zoom
+    full = np.zeros((cells, cells), dtype=np.int64)
+    column, row = cell(charger, cells)
+    full[row, column] = 1
+    result = np.zeros((len(uavs), 3, n, n))
+    for i in range(len(uavs)):
+        left, low = (min(max(c - n // 2, 0), cells - n) for c in cell(uavs[i], cells))
+        result[i, 0] = full[low : low + n, left : left + n] * (2 * zoom) ** 2
+        result[i, 1] = bilinear(full, n, zoom)
+        result[i, 2] = round(255 * float(charge[i]))
+    return result

@@ -10,6 +10,7 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from skyrelay.core.errors import ModelError
+from skyrelay.core.maps import ENERGY_MAPS, PAPER_MAPS
 from skyrelay.policy import Policy, builtin_policies
 from skyrelay.policy.card import CARD_KEY
 
@@ -64,6 +65,8 @@ def future_opset(model):
         (with_card(n=1_000_000), "card: n"),
         (with_card(uavs=[0, 3]), "card: uavs"),
         (with_card(surprise=1), "card: surprise"),
+        (with_card(maps=[*PAPER_MAPS, *ENERGY_MAPS]), r"input: is .*expected \[batch, 9, 11, 11\]"),
+        (with_card(maps=["local_location"]), "card: maps"),
         (wrong_outputs, r"output.*\[batch, 9\]"),
         (future_opset, "onnxruntime"),
     ],
@@ -101,7 +104,7 @@ def test_a_shipped_policy_says_how_it_was_made_and_decides(name):
     assert policy.card.name == name
     assert policy.card.command.startswith("skyrelay train ")
     assert policy.card.evaluation
-    maps = np.random.default_rng(0).uniform(0, 1, (40, 6, policy.n, policy.n)).astype(np.float32)
+    maps = np.random.default_rng(0).uniform(0, 1, (40, len(policy.card.maps), policy.n, policy.n)).astype(np.float32)
     actions = policy.decide(maps)
     assert actions.shape == (40,)
     assert ((actions >= 0) & (actions < 9)).all()

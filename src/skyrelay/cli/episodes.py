@@ -13,12 +13,13 @@ from skyrelay.core.errors import UsageError
 if TYPE_CHECKING:
     from skyrelay.coordination import game
 
-GAMES = ("paper", "varied")
+GAMES = ("paper", "varied", "obstacles", "energy")
 
 Uavs = Annotated[str, typer.Option("--uavs", help="Team size, or a range: 2-5.")]
 Vehicles = Annotated[str, typer.Option("--vehicles", help="Number of vehicles, or a range: 5-20.")]
 Games = Annotated[
-    str, typer.Option("--games", help="paper (one scale) or varied (many scales, speeds and kinds of traffic).")
+    str,
+    typer.Option("--games", help="paper (one scale), varied (many scales, traffic, drop-outs), obstacles or energy."),
 ]
 Ratio = Annotated[
     float | None,
@@ -68,6 +69,8 @@ def unseen(
 
     domain, shape = games_of(games, team, traffic, n, zoom)  # type: ignore[arg-type]
     if trace is not None:
+        if shape.walls or shape.energy:
+            raise UsageError("--games", games, "paper or varied beside --trace")
         setting = Setting(team, traffic, zone_side, ratio if ratio is not None else 2.0, step_seconds)
         return replayed_games(unseen_key(seed), open_trace(trace)[0], episodes, shape, setting)
     if zone_side is not None:

@@ -24,7 +24,10 @@ def command(
     uavs: Annotated[str, typer.Option("--uavs", help="Team size, or a range: 2-5.")] = "3",
     vehicles: Annotated[str, typer.Option("--vehicles", help="Number of vehicles, or a range: 5-20.")] = "20",
     games: Annotated[
-        str, typer.Option("--games", help="paper (one scale) or varied (many scales, speeds and kinds of traffic).")
+        str,
+        typer.Option(
+            "--games", help="paper (one scale), varied (many scales, traffic, drop-outs), obstacles or energy."
+        ),
     ] = "paper",
     steps: Annotated[
         int | None, typer.Option("--steps", min=1, help="Steps of a team; left out: the preset's.", show_default=False)
@@ -38,7 +41,7 @@ def command(
     """Train a policy by PPO; Ctrl-C leaves a checkpoint that --resume goes on from."""
     for option, value, choices in (
         ("--preset", preset, ("fast", "generalist", "paper")),
-        ("--games", games, ("paper", "varied")),
+        ("--games", games, ("paper", "varied", "obstacles", "energy")),
     ):
         if value not in choices:
             raise UsageError(option, value, "one of: " + ", ".join(choices))

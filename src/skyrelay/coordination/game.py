@@ -19,11 +19,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
 
-from skyrelay.coordination import dynamics, reward
+from skyrelay.coordination import dynamics, energy, reward
 from skyrelay.coordination.dynamics import Traffic
 from skyrelay.coordination.observation import observe as observe_maps
 from skyrelay.coordination.reward import Score, score
 from skyrelay.coordination.settings import Parameters, Shape
+from skyrelay.core import maps
+from skyrelay.core.errors import UsageError
+from skyrelay.core.flight import STAY
 
 _DRAWS = 9
 """Uniform numbers that a new vehicle takes. They come from one call: each call of the generator costs compile time."""
@@ -43,7 +46,7 @@ class Trace(NamedTuple):
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["parameters", "uavs", "active", "traffic", "owner", "present", "time", "key"],
+    data_fields=["parameters", "uavs", "active", "traffic", "owner", "present", "time", "key", "built", "charge"],
     meta_fields=["shape"],
 )
 @dataclass(frozen=True)
@@ -60,6 +63,8 @@ class State:
         present: [V] whether the vehicle is there.
         time: steps played.
         key: of this game's randomness.
+        built: [h, h] whether each cell's centre is inside a building; None on open ground.
+        charge: [N] of each UAV, from 0 to 1; None in games without energy.
     """
 
     shape: Shape
@@ -71,23 +76,30 @@ class State:
     present: Bool[Array, " vehicles"]
     time: Int[Array, ""]
     key: PRNGKeyArray
+    built: Bool[Array, "h h"] | None = None
+    charge: Float[Array, " uavs"] | None = None
 
     @property
     def served_by(self) -> Int[Array, " vehicles"]:
         """[V] row of each vehicle's UAV; -1 for a vehicle that is not there."""
         return jnp.where(self.present, self.owner, -1)
 
+    @property
+    def flying(self) -> Bool[Array, " uavs"]:
+        """[N] whether there is a UAV in the air: one without charge is on the ground, serves nobody and has no link."""
+        return self.active if self.charge is None else self.active & (self.charge > 0.0)
+
 
 class Transition(NamedTuple):
     """What a step returns.
 
     Attributes:
-        observation: [N, 6, n, n] levels of the new state.
+        observation: levels of the new state; six maps, and those of the options.
         score: reward and measures of the new state.
         truncated: the time limit is reached. The game never ends otherwise: bootstrap through it.
     """
 
-    observation: UInt8[Array, "uavs 6 n n"]
+    observation: UInt8[Array, "uavs maps n n"]
     score: Score
     truncated: Bool[Array, ""]
 
@@ -98,7 +110,11 @@ def reset(key: PRNGKeyArray, shape: Shape, parameters: Parameters, trace: Trace 
     So every UAV covers its vehicles at the start, and the team need not be connected. With probability ``astray`` a
     vehicle starts anywhere in the zone instead. In a replay the trace says where vehicles are; each is given to a UAV
     in whose range it first appears, or else to the nearest.
+
+    Raises:
+        UsageError: the parameters were drawn for other options than the shape's.
     """
+    _check_options(shape, parameters)
     k_uavs, k_vehicles, key = jax.random.split(key, 3)
     active = jnp.arange(shape.uavs) < parameters.uavs
     uavs = jax.random.uniform(k_uavs, (shape.uavs, 2))
@@ -108,7 +124,13 @@ def reset(key: PRNGKeyArray, shape: Shape, parameters: Parameters, trace: Trace 
     if trace is not None:
         traffic, present = traffic._replace(position=trace.position[0]), trace.present[0]
         owner = _owners(draws, uavs, active, _first_positions(trace), parameters.reach)
-    return State(shape, parameters, uavs, active, traffic, owner, present, jnp.int32(0), key)
+    built = charge = None
+    if parameters.walls is not None:
+        built = maps.footprint(parameters.walls, shape.n * shape.zoom)
+    if parameters.charging is not None:
+        least = parameters.charging.least
+        charge = least + (1.0 - least) * jax.random.uniform(jax.random.fold_in(k_uavs, 1), (shape.uavs,))
+    return State(shape, parameters, uavs, active, traffic, owner, present, jnp.int32(0), key, built, charge)
 
 
 def step(state: State, actions: Int[Array, " uavs"], trace: Trace | None = None) -> tuple[State, Transition]:
@@ -121,7 +143,7 @@ def step(state: State, actions: Int[Array, " uavs"], trace: Trace | None = None)
     In games with drop-outs some UAVs leave at the end of the step, and others get their vehicles at once.
     """
     moved = dynamics.move(state.uavs, actions, state.parameters.uav_step)
-    uavs = jnp.where(state.active[:, None], moved, state.uavs)
+    uavs = jnp.where(state.flying[:, None], moved, state.uavs)
     time = state.time + 1
     if trace is not None:
         traffic, owner = state.traffic._replace(position=trace.position[time]), state.owner
@@ -129,28 +151,64 @@ def step(state: State, actions: Int[Array, " uavs"], trace: Trace | None = None)
     else:
         traffic, owner = _drive(state)
         present = state.present
-    state = State(state.shape, state.parameters, uavs, state.active, traffic, owner, present, time, state.key)
+    charging = state.parameters.charging
+    if state.charge is not None and charging is not None:
+        state = replace(state, charge=energy.spend(state.charge, uavs, actions != STAY, charging))
+    state = replace(state, uavs=uavs, traffic=traffic, owner=owner, present=present, time=time)
     if state.shape.drop_outs:
         state = _drop_out(state)
     return state, Transition(observe(state), measure(state), time >= state.shape.steps)
 
 
-def observe(state: State) -> UInt8[Array, "uavs 6 n n"]:
-    """The six maps of every UAV, as levels (see `skyrelay.coordination.observation`)."""
-    shape = state.shape
-    position, reach = state.traffic.position, state.parameters.reach
-    return observe_maps(state.uavs, state.active, position, state.served_by, reach, shape.n, shape.zoom)
+def observe(state: State) -> UInt8[Array, "uavs maps n n"]:
+    """The maps of every UAV, as levels: the six of `skyrelay.coordination.observation`, then those of the options."""
+    shape, parameters = state.shape, state.parameters
+    n, zoom, position, served_by = shape.n, shape.zoom, state.traffic.position, state.served_by
+    six = observe_maps(state.uavs, state.active, position, served_by, parameters.reach, n, zoom)
+    window = jnp.clip(maps.cell_of(state.uavs, n * zoom) - n // 2, 0, n * zoom - n)
+    more: tuple[Array, ...] = ()
+    if state.built is not None:
+        own = served_by == jnp.arange(shape.uavs)[:, None]
+        more += maps.obstacle_maps(window, own, position, parameters.reach, parameters.walls, state.built, n, zoom)
+    if parameters.charging is not None:
+        more += maps.energy_maps(window, parameters.charging.point, state.charge, n, zoom)
+    if not more:
+        return six
+    further = jnp.where(state.active[:, None, None, None], jnp.stack(more, axis=1), 0)
+    return jnp.concatenate([six, further.astype(six.dtype)], axis=1)
 
 
 def measure(state: State) -> Score:
     """Reward, coverage and connectivity of a state."""
-    return score(state.uavs, state.active, state.traffic.position, state.served_by, state.parameters.reach)
+    position, parameters = state.traffic.position, state.parameters
+    flying = None if state.charge is None else state.flying
+    return score(state.uavs, state.active, position, state.served_by, parameters.reach, parameters.walls, flying)
 
 
 def potential(state: State) -> Float[Array, " uavs"]:
     """Of each UAV, `skyrelay.coordination.reward.potential` of a state."""
     position, parameters = state.traffic.position, state.parameters
-    return reward.potential(state.uavs, state.active, position, state.served_by, parameters.reach, parameters.uav_step)
+    value = reward.potential(
+        state.uavs,
+        state.active,
+        position,
+        state.served_by,
+        parameters.reach,
+        parameters.uav_step,
+        parameters.walls,
+    )
+    if state.charge is not None and parameters.charging is not None:
+        value += reward.energy_potential(state.uavs, state.charge, parameters.uav_step, parameters.charging)
+    return value
+
+
+def _check_options(shape: Shape, parameters: Parameters) -> None:
+    """The sizes of what is compiled and of what was drawn."""
+    walls = 0 if parameters.walls is None else parameters.walls.shape[-2]
+    if shape.walls != walls:
+        raise UsageError("shape.walls", shape.walls, f"{walls}, as in the game's parameters")
+    if shape.energy != (parameters.charging is not None):
+        raise UsageError("shape.energy", shape.energy, f"{not shape.energy}, as in the game's parameters")
 
 
 def _drive(state: State) -> tuple[Traffic, Int[Array, " vehicles"]]:

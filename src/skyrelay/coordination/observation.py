@@ -30,6 +30,7 @@ from skyrelay.core.maps import (
     GLOBAL_VEHICLES,
     LOCAL_LOCATION,
     LOCAL_VEHICLES,
+    cell_of,
 )
 
 
@@ -55,8 +56,8 @@ def observe(
         reach: range [zone sides].
     """
     count, cells, size = uavs.shape[0], n * zoom, CHANNELS * n * n
-    uav_cell = _cell(uavs, cells)
-    vehicle_cell = _cell(vehicles, cells)
+    uav_cell = cell_of(uavs, cells)
+    vehicle_cell = cell_of(vehicles, cells)
     window = jnp.clip(uav_cell - n // 2, 0, cells - n)
 
     nowhere = count * size  # an index past the end, which the scatter drops
@@ -102,11 +103,6 @@ def _shares(cell: Int[Array, "points 2"], n: int, zoom: int) -> tuple[Array, Arr
     offset = 2 * (cell % zoom) + 1 - zoom  # of the cell's centre from the coarse one's, in units of 1/(2 zoom)
     far = jnp.clip(near + jnp.sign(offset), 0, n - 1)
     return near, far, 2 * zoom - jnp.abs(offset), jnp.abs(offset)
-
-
-def _cell(position: Array, cells: int) -> Array:
-    """Column and row of positions in a grid of cells x cells over the zone; what lies outside is in the nearest."""
-    return jnp.clip(jnp.floor(position * cells).astype(jnp.int32), 0, cells - 1)
 
 
 def _coverage(uavs: Array, active: Array, reach: Array, n: int, zoom: int) -> Array:

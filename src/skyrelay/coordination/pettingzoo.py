@@ -17,7 +17,16 @@ from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape, physical
 from skyrelay.core.errors import UsageError
 from skyrelay.core.flight import ACTIONS, STAY
-from skyrelay.core.maps import CHANNELS, COVERAGE_SCALE, LOCATION_SCALE, TEAM_SCALE, VEHICLE_SCALE, normalise
+from skyrelay.core.maps import (
+    BUILDING_SCALE,
+    CHARGE_SCALE,
+    COVERAGE_SCALE,
+    LOCATION_SCALE,
+    SIGHT_SCALE,
+    TEAM_SCALE,
+    VEHICLE_SCALE,
+    normalise,
+)
 
 
 def parallel_env(uavs: int = 3, vehicles: int = 20, n: int = 11, steps: int = 100) -> UavCoordination:
@@ -28,7 +37,8 @@ def parallel_env(uavs: int = 3, vehicles: int = 20, n: int = 11, steps: int = 10
 class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int]):
     """N UAVs keep their own vehicles in range and the team linked.
 
-    Agents are ``uav_0`` ... Observations are six maps [6, n, n], float32, normalised; actions 0..8; the reward is Eq. 3
+    Agents are ``uav_0`` ... Observations are maps [maps, n, n], float32, normalised: the
+    six, and those of the shape's options; actions 0..8; the reward is Eq. 3
     and the same for all. An episode is truncated after ``shape.steps`` steps and never terminates; in games with
     drop-outs an agent terminates when its UAV leaves.
 
@@ -52,8 +62,22 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
         self.agents: list[str] = []
         # Largest levels: a UAV's own cell, all its vehicles in one cell, every mate in one cell, a block in all ranges.
         mates, covers = TEAM_SCALE * max(shape.uavs - 1, 1), COVERAGE_SCALE * shape.uavs
-        tops = [LOCATION_SCALE, VEHICLE_SCALE, LOCATION_SCALE, mates, covers, VEHICLE_SCALE]
-        high = np.broadcast_to(np.array(tops, np.float32)[:, None, None], (CHANNELS, shape.n, shape.n))
+        tops = {
+            "local_location": LOCATION_SCALE,
+            "local_vehicles": VEHICLE_SCALE,
+            "global_location": LOCATION_SCALE,
+            "global_team": mates,
+            "global_coverage": covers,
+            "global_vehicles": VEHICLE_SCALE,
+            "local_buildings": BUILDING_SCALE,
+            "global_buildings": BUILDING_SCALE,
+            "local_sight": SIGHT_SCALE,
+            "local_charger": LOCATION_SCALE,
+            "global_charger": LOCATION_SCALE,
+            "own_charge": CHARGE_SCALE,
+        }
+        top = np.array([tops[name] for name in shape.maps], np.float32)
+        high = np.broadcast_to(top[:, None, None], (len(top), shape.n, shape.n))
         self._observation_space = gymnasium.spaces.Box(np.zeros_like(high), high.copy(), dtype=np.float32)
         self.observation_spaces = {agent: self.observation_space(agent) for agent in self.possible_agents}
         self.action_spaces = {agent: self.action_space(agent) for agent in self.possible_agents}
@@ -145,10 +169,11 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
 def _reset(key: jax.Array, shape: Shape, domain: Domain) -> tuple[game.State, jax.Array]:
     k_draw, k_reset = jax.random.split(key)
     state = game.reset(k_reset, shape, domain.draw(k_draw))
-    return state, normalise(game.observe(state), shape.zoom)
+    return state, normalise(game.observe(state), shape.zoom, shape.maps)
 
 
 @jax.jit
 def _step(state: game.State, actions: jax.Array) -> tuple[game.State, jax.Array, Score, jax.Array]:
     state, transition = game.step(state, actions)
-    return state, normalise(transition.observation, state.shape.zoom), transition.score, transition.truncated
+    maps = normalise(transition.observation, state.shape.zoom, state.shape.maps)
+    return state, maps, transition.score, transition.truncated

@@ -9,7 +9,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from skyrelay.coordination.energy import Batteries, Charging
+from skyrelay.coordination.obstacles import Cities
 from skyrelay.core.errors import UsageError
+from skyrelay.core.maps import map_names
 
 MobilityModel = Literal["manhattan", "random-waypoint", "mixed", "replay"]
 Interval = tuple[float, float]
@@ -25,7 +28,11 @@ class Shape:
         zoom: the full maps have zoom x n cells a side.
         steps: length of an episode.
         mobility: how vehicles move; "mixed" lets each game choose, "replay" takes positions from a trace.
-        drop_outs: UAVs may leave for good during a game. An option that is off costs nothing in a compiled step.
+        drop_outs: UAVs may leave for good during a game.
+        walls: rows for the walls of buildings, which block the sight from UAVs to vehicles; 0 for open ground.
+        energy: UAVs have a charge, spend it, and charge at a point.
+
+    An option that is off costs nothing in a compiled step.
 
     Raises:
         UsageError: a number is out of its range.
@@ -38,6 +45,8 @@ class Shape:
     steps: int = 100
     mobility: MobilityModel = "manhattan"
     drop_outs: bool = False
+    walls: int = 0
+    energy: bool = False
 
     def __post_init__(self) -> None:
         for name, low, high in (("uavs", 1, 16), ("vehicles", 1, 255), ("steps", 1, 100_000), ("zoom", 2, 3)):
@@ -46,6 +55,11 @@ class Shape:
                 raise UsageError(f"game.{name}", value, f"a number from {low} to {high}")
         if self.n % 2 == 0 or not 3 <= self.n <= 63:
             raise UsageError("game.n", self.n, "an odd number from 3 to 63")
+
+    @property
+    def maps(self) -> tuple[str, ...]:
+        """Names of the observation's maps."""
+        return map_names(obstacles=self.walls > 0, energy=self.energy)
 
 
 class Parameters(NamedTuple):
@@ -62,6 +76,8 @@ class Parameters(NamedTuple):
         astray: a vehicle starts anywhere in the zone, not within its UAV's range.
         waypoint: vehicles follow the random-waypoint model ("mixed" games).
         drop_out: a UAV leaves (per UAV and step; games with drop-outs).
+        walls: of the buildings (see `skyrelay.core.flight.in_sight`); None on open ground.
+        charging: in games with energy, else None.
     """
 
     uavs: Int[Array, ""]
@@ -77,6 +93,8 @@ class Parameters(NamedTuple):
     astray: Float[Array, ""]
     waypoint: Bool[Array, ""]
     drop_out: Float[Array, ""]
+    walls: Float[Array, "walls 5"] | None = None
+    charging: Charging | None = None
 
 
 @dataclass(frozen=True)
@@ -92,6 +110,8 @@ class Domain:
         turn, halt, go, swap, astray: as in `Parameters`.
         waypoint: share of games with the random-waypoint model, in "mixed" games.
         drop_out: as in `Parameters`, in games with drop-outs.
+        cities: what is built; None for open ground.
+        batteries: of games with energy; None for those without.
     """
 
     uavs: tuple[int, int]
@@ -107,6 +127,8 @@ class Domain:
     astray: Interval = (0.0, 0.0)
     waypoint: float = 0.0
     drop_out: Interval = (0.0, 0.0)
+    cities: Cities | None = None
+    batteries: Batteries | None = None
 
     def __post_init__(self) -> None:
         for name in ("uavs", "vehicles"):
@@ -141,6 +163,8 @@ class Domain:
             astray=between(self.astray),
             waypoint=next(draws) < self.waypoint,
             drop_out=between(self.drop_out),
+            walls=self.cities.draw(jax.random.fold_in(key, 1)) if self.cities else None,
+            charging=self.batteries.draw(jax.random.fold_in(key, 2)) if self.batteries else None,
         )
 
 

@@ -41,30 +41,87 @@ def move(uavs: Any, actions: Any, step: Any, low: Any = 0.0, high: Any = 1.0) ->
     return xp.clip(uavs + heading * xp.asarray(step)[..., None, None], low, high)
 
 
-def coverage(uavs: Any, vehicles: Any, owner: Any, reach: Any) -> Any:
-    """Share of the vehicles that are inside their own UAV's range; 1 where there is no vehicle.
+def coverage(uavs: Any, vehicles: Any, owner: Any, reach: Any, walls: Any = None, flying: Any = None) -> Any:
+    """Share of the vehicles that are inside their own UAV's range (and in its sight); 1 where there is no vehicle.
 
     Args:
         uavs: [..., N, 2] positions.
         vehicles: [..., V, 2] positions.
         owner: [..., V] row of the UAV that serves each vehicle; negative where there is no vehicle.
         reach: [...] or a number, range of the UAV-vehicle link.
+        walls: [..., W, 5] what stands in the way (see `in_sight`); None for nothing.
+        flying: [..., N] false for a UAV that serves nobody; None where all do.
     Returns: [...] in [0, 1].
     Source: the coverage of Eq. 3.
     """
     xp = uavs.__array_namespace__()
     count = xp.sum(owner >= 0, axis=-1)
-    covered = xp.sum(served(uavs, vehicles, owner, reach), axis=-1)
+    covered = xp.sum(served(uavs, vehicles, owner, reach, walls, flying), axis=-1)
     return xp.where(count > 0, covered / xp.maximum(count, xp.asarray(1)), 1.0)
 
 
-def served(uavs: Any, vehicles: Any, owner: Any, reach: Any) -> Any:
-    """[..., V]: whether each vehicle is inside its own UAV's range (arguments as `coverage`)."""
+def served(uavs: Any, vehicles: Any, owner: Any, reach: Any, walls: Any = None, flying: Any = None) -> Any:
+    """[..., V]: whether each vehicle is inside its own UAV's range, and in its sight (arguments as `coverage`)."""
     xp = uavs.__array_namespace__()
     apart = uavs[..., :, None, :] - vehicles[..., None, :, :]
     near = xp.sum(apart * apart, axis=-1) <= (xp.asarray(reach) ** 2)[..., None, None]
     own = owner[..., None, :] == xp.arange(uavs.shape[-2])[:, None]
-    return xp.any(near & own, axis=-2)
+    if flying is not None:
+        own = own & flying[..., None]
+    covered = xp.any(near & own, axis=-2)
+    if walls is not None:
+        covered = covered & in_sight(vehicles, of_owner(uavs, owner), walls[..., None, :, :])
+    return covered
+
+
+def of_owner(uavs: Any, owner: Any) -> Any:
+    """[..., V, 2]: where each vehicle's UAV is; anywhere for a vehicle without one."""
+    xp = uavs.__array_namespace__()
+    return xp.take_along_axis(uavs, xp.maximum(owner, xp.asarray(0))[..., None], axis=-2)
+
+
+def in_sight(ground: Any, air: Any, walls: Any) -> Any:
+    """Whether the straight line from a point on the ground to a UAV passes above every wall on its way.
+
+    The line climbs evenly from the ground to the UAV's altitude, so that it meets a wall at a share t of the way at t
+    times the altitude: it is blocked where that is below the wall's top. A point inside a building sees through its
+    roof, not through its walls; a point on a wall is not blocked by that wall.
+
+    Args:
+        ground, air: [..., 2] positions; they are broadcast against each other and against the walls' first axes.
+        walls: [..., W, 5] x and y of both ends, and the height over the UAVs' altitude, in [0, 1); 0 is no wall.
+    Returns: [...].
+    """
+    blocked, _, _ = _crossings(ground, air, walls)
+    xp = blocked.__array_namespace__()
+    return ~xp.any(blocked, axis=-1)
+
+
+def sight_share(ground: Any, air: Any, walls: Any) -> Any:
+    """[...]: the share of its distance at which a UAV that comes straight nearer sees the point; 1 where it does now.
+
+    Coming nearer makes the line steeper. Arguments as `in_sight`, with at least one wall.
+    """
+    blocked, at, top = _crossings(ground, air, walls)
+    xp = blocked.__array_namespace__()
+    one = xp.ones_like(top)
+    return xp.min(xp.where(blocked, at / xp.where(blocked, top, one), one), axis=-1)
+
+
+def _crossings(ground: Any, air: Any, walls: Any) -> tuple[Any, Any, Any]:
+    """[..., W] whether each wall blocks the line; where it meets it and where it clears it, in one common unit."""
+    xp = walls.__array_namespace__()
+    line, wall = (air - ground)[..., None, :], walls[..., 2:4] - walls[..., :2]
+    to_wall = walls[..., :2] - ground[..., None, :]
+    # Both meet at ``at / whole`` of the line and ``along / whole`` of the wall; multiplied out, nothing divides by 0.
+    across = _cross(line, wall)
+    sign, whole = xp.where(across < 0, -1.0, 1.0), xp.abs(across)
+    at, along, top = sign * _cross(to_wall, wall), sign * _cross(to_wall, line), walls[..., 4] * whole
+    return (at > 0) & (at < top) & (along >= 0) & (along <= whole), at, top
+
+
+def _cross(a: Any, b: Any) -> Any:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def links(uavs: Any, reach: Any, active: Any) -> Any:

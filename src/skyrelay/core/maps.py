@@ -1,31 +1,64 @@
-"""The six observation maps by number, and how their levels become a network's input (JAX and NumPy share this)."""
+"""The observation maps by name and number, how their levels become a network's input, and the maps of the options.
+
+JAX and NumPy share all of it: functions are for any array library of the Python array API standard.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
+
+from skyrelay.core.flight import in_sight
 
 LOCAL_LOCATION, LOCAL_VEHICLES, GLOBAL_LOCATION, GLOBAL_TEAM, GLOBAL_COVERAGE, GLOBAL_VEHICLES = range(6)
 CHANNELS = 6
+
+PAPER_MAPS = (
+    "local_location",
+    "local_vehicles",
+    "global_location",
+    "global_team",
+    "global_coverage",
+    "global_vehicles",
+)
+"""The six that every policy sees, in the order of their numbers."""
+OBSTACLE_MAPS = ("local_buildings", "global_buildings", "local_sight")
+"""After the six where there are buildings: what is built, and from where how many own vehicles are covered."""
+ENERGY_MAPS = ("local_charger", "global_charger", "own_charge")
+"""After those where charge counts: the charging point, and the UAV's own charge, the same in every cell."""
 
 LOCATION_SCALE = 4.0
 TEAM_SCALE = 2.0
 COVERAGE_SCALE = 0.1
 VEHICLE_SCALE = 8.0
-"""What a UAV's own cell, a team mate, a UAV that covers a whole block and all own vehicles together come to.
+BUILDING_SCALE = 0.5
+SIGHT_SCALE = 1.0
+CHARGE_SCALE = 0.5
+"""What a UAV's own cell, a team mate, a UAV that covers a whole block, all own vehicles together, a built-up cell, all
+own vehicles in sight and a full charge come to.
 
 Maps of one cell and maps of many then weigh about the same, which is what a network learns fastest from.
 """
 
+FULL_CHARGE = 255
+"""The level of a full charge."""
 
-def normalise(levels: Any, zoom: int) -> Any:
-    """Levels as the network's input, for any array library of the array API standard.
+
+def map_names(*, obstacles: bool, energy: bool) -> tuple[str, ...]:
+    """The maps of a game or a run with these options, in order."""
+    return PAPER_MAPS + OBSTACLE_MAPS * obstacles + ENERGY_MAPS * energy
+
+
+def normalise(levels: Any, zoom: int, names: Sequence[str] = PAPER_MAPS) -> Any:
+    """Levels as the network's input.
 
     Locations, team mates and UAVs per covered cell are scaled; vehicles become shares of the UAV's own vehicles,
     scaled: what to do depends on where they are, not on how many they are.
 
     Args:
-        levels: [..., 6, n, n] in units of 1 / (2 zoom)^2 (see skyrelay.coordination.observation).
-    Returns: [..., 6, n, n] float32.
+        levels: [..., maps, n, n], the six in units of 1 / (2 zoom)^2 (see skyrelay.coordination.observation).
+        names: of the maps, the six first.
+    Returns: [..., maps, n, n] float32.
     """
     xp = levels.__array_namespace__()
     maps = xp.astype(levels, xp.float32)
@@ -34,5 +67,113 @@ def normalise(levels: Any, zoom: int) -> Any:
     share = VEHICLE_SCALE / xp.maximum(own, one)
     whole = (2 * zoom) ** 2
     location, team, coverage = LOCATION_SCALE / whole, TEAM_SCALE / whole, COVERAGE_SCALE / zoom**2
-    factors = xp.stack([location * one, share, location * one, team * one, coverage * one, share], axis=-1)
+    scales = {
+        "local_location": location,
+        "local_vehicles": share,
+        "global_location": location,
+        "global_team": team,
+        "global_coverage": coverage,
+        "global_vehicles": share,
+        "local_buildings": BUILDING_SCALE,
+        "global_buildings": BUILDING_SCALE / zoom**2,
+        "local_sight": share * (SIGHT_SCALE * whole / VEHICLE_SCALE),
+        "local_charger": location,
+        "global_charger": location,
+        "own_charge": CHARGE_SCALE / FULL_CHARGE,
+    }
+    factors = xp.stack([scales[name] * one for name in names], axis=-1)
     return maps * factors[..., None, None]
+
+
+def chosen(maps: Any, has: Sequence[str], wants: Sequence[str]) -> Any:
+    """The maps [..., wants, n, n] that a policy wants of those that there are; empty ones for what there is not."""
+    if tuple(has) == tuple(wants):
+        return maps
+    xp = maps.__array_namespace__()
+    empty = xp.zeros_like(maps[..., 0, :, :])
+    return xp.stack([maps[..., has.index(name), :, :] if name in has else empty for name in wants], axis=-3)
+
+
+def obstacle_maps(
+    window: Any, own: Any, vehicles: Any, reach: Any, walls: Any, built: Any, n: int, zoom: int
+) -> tuple[Any, Any, Any]:
+    """`OBSTACLE_MAPS` of every UAV, as levels.
+
+    Local: 1 in a cell of the window whose centre is inside a building. Global: such cells of each block, counted.
+    Sight: how many of the UAV's own vehicles would be in range and in sight from each cell's centre of the window.
+
+    Args:
+        window: [N, 2] column and row of each UAV's window in the full map.
+        own: [N, V] whether a vehicle is there and is the UAV's.
+        vehicles: [V, 2] positions [zone sides].
+        reach: range [zone sides].
+        walls: [W, 5] (see `skyrelay.core.flight.in_sight`), in zone sides.
+        built: [h, h] from `footprint`.
+    Returns: [N, n, n] each.
+    """
+    xp = walls.__array_namespace__()
+    cells = n * zoom
+    columns, rows = (window[:, axis, None] + xp.arange(n) for axis in (0, 1))
+    local = built[rows[:, :, None], columns[:, None, :]]
+    blocks = xp.sum(xp.reshape(built, (n, zoom, n, zoom)), axis=(1, 3))
+    # A vehicle has one UAV, so that each is looked at from one window only.
+    uav = xp.argmax(own, axis=0)
+    x, y = (columns[uav] + 0.5) / cells, (rows[uav] + 0.5) / cells
+    shape = (vehicles.shape[0], n, n)
+    air = xp.stack([xp.broadcast_to(x[:, None, :], shape), xp.broadcast_to(y[:, :, None], shape)], axis=-1)
+    ground = vehicles[:, None, None, :]
+    near = xp.sum((air - ground) ** 2, axis=-1) <= reach**2
+    seen = xp.astype(near & in_sight(ground, air, walls), xp.float32)
+    counts = xp.astype(own, xp.float32) @ xp.reshape(seen, (-1, n * n))
+    return local, xp.broadcast_to(blocks, local.shape), xp.reshape(counts, local.shape)
+
+
+def footprint(walls: Any, cells: int) -> Any:
+    """[cells, cells]: whether the centre of each cell is inside a building, by its winding number.
+
+    Args:
+        walls: [W, 5]; the walls of a building form a ring, counter-clockwise; buildings may overlap.
+    """
+    xp = walls.__array_namespace__()
+    centre = (xp.arange(cells) + 0.5) / cells
+    x, y = centre[None, :, None], centre[:, None, None]
+    x0, y0, x1, y1, rise = (walls[:, column] for column in range(5))
+    left = (x1 - x0) * (y - y0) - (x - x0) * (y1 - y0)
+    up, down = (y0 <= y) & (y < y1) & (left > 0), (y1 <= y) & (y < y0) & (left < 0)
+    turns = xp.astype(up & (rise > 0), xp.int32) - xp.astype(down & (rise > 0), xp.int32)
+    return xp.sum(turns, axis=-1) != 0
+
+
+def energy_maps(window: Any, charger: Any, charge: Any, n: int, zoom: int) -> tuple[Any, Any, Any]:
+    """`ENERGY_MAPS` of every UAV, as levels.
+
+    Args:
+        window: [N, 2] as in `obstacle_maps`.
+        charger: [2] the charging point [zone sides].
+        charge: [N] in [0, 1].
+    Returns: [N, n, n] each.
+    """
+    xp = charge.__array_namespace__()
+    cells, whole = n * zoom, (2 * zoom) ** 2
+    cell = cell_of(charger, cells)
+    columns, rows = (window[:, axis, None] + xp.arange(n) == cell[axis] for axis in (0, 1))
+    local = whole * xp.astype(rows[:, :, None] & columns[:, None, :], xp.int32)
+    x, y = (_tent(cell[axis], n, zoom) for axis in (0, 1))
+    level = xp.round(charge * FULL_CHARGE)[:, None, None]
+    return local, xp.broadcast_to(y[:, None] * x[None, :], local.shape), xp.broadcast_to(level, local.shape)
+
+
+def cell_of(position: Any, cells: int) -> Any:
+    """Column and row of positions [..., 2] in a grid of cells x cells over the zone; outside: in the nearest."""
+    xp = position.__array_namespace__()
+    return xp.clip(xp.astype(xp.floor(position * cells), xp.int32), 0, cells - 1)
+
+
+def _tent(cell: Any, n: int, zoom: int) -> Any:
+    """[n] along one axis, a full map's cell shared between the two nearest coarse ones, in units of 1 / (2 zoom)."""
+    xp = cell.__array_namespace__()
+    near = cell // zoom
+    offset = 2 * (cell % zoom) + 1 - zoom
+    far, beside = xp.clip(near + xp.sign(offset), 0, n - 1), xp.abs(offset)
+    coarse = xp.arange(n)
+    return (2 * zoom - beside) * (coarse == near) + beside * (coarse == far)

@@ -16,7 +16,7 @@ from scipy import stats
 from skyrelay.coordination import game
 from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape
-from skyrelay.core.maps import normalise
+from skyrelay.core.maps import chosen, normalise
 from skyrelay.learning.networks import Network
 from skyrelay.learning.ppo import new_games
 from skyrelay.policy import Policy
@@ -37,7 +37,7 @@ def greedy_episodes(
 
     def play(games: game.State, _: None) -> tuple[game.State, Score]:
         maps = jax.vmap(game.observe)(games)
-        action = jnp.argmax(jax.vmap(actor)(normalise(maps, shape.zoom)), -1)
+        action = jnp.argmax(jax.vmap(actor)(normalise(maps, shape.zoom, shape.maps)), -1)
         games, transition = jax.vmap(game.step)(games, action)
         return games, transition.score
 
@@ -61,7 +61,7 @@ def episodes_of(
     games: game.State,
     traces: game.Trace | None = None,
 ) -> Float[Array, "4 episodes"]:
-    """The same for any policy: a function from maps [batch, 6, n, n] to actions [batch], called once a step.
+    """The same for any policy: a function from maps [batch, maps, n, n] to actions [batch], called once a step.
 
     Args:
         games: the starts of the episodes, a leading axis of games.
@@ -70,8 +70,8 @@ def episodes_of(
     shape = games.shape
 
     @jax.jit
-    def look(games: game.State) -> Float[Array, "rows 6 n n"]:
-        maps = normalise(jax.vmap(game.observe)(games), shape.zoom)
+    def look(games: game.State) -> Float[Array, "rows maps n n"]:
+        maps = normalise(jax.vmap(game.observe)(games), shape.zoom, shape.maps)
         return jnp.reshape(maps, (-1, *maps.shape[2:]))
 
     @jax.jit
@@ -110,5 +110,17 @@ def _per_episode(scores: Score) -> Float[Array, "4 episodes"]:
 
 
 def evaluate_policy(policy: Policy, games: game.State, traces: game.Trace | None = None) -> dict[str, Any]:
-    """`summary` of an ONNX policy over whole episodes from these starts (`starts` of `unseen_key`, or `replayed_games`)."""
-    return summary(episodes_of(policy.decide, games, traces))
+    """`summary` of an ONNX policy over whole episodes from these starts (of `starts` or `replayed_games`)."""
+    return summary(policy_episodes(policy, games, traces))
+
+
+def policy_episodes(policy: Policy, games: game.State, traces: game.Trace | None = None) -> Float[Array, "4 episodes"]:
+    """The same, episode by episode, so that two policies can be compared on the same games.
+
+    A policy does not see maps that it was not trained on; maps that it wants and the games lack are empty.
+    """
+
+    def decide(maps: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
+        return policy.decide(chosen(maps, games.shape.maps, policy.card.maps))
+
+    return episodes_of(decide, games, traces)

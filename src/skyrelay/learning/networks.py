@@ -32,6 +32,7 @@ class Architecture:
         strides: of each convolution.
         pools: side and stride of the max-pooling after each convolution, ceiling mode; 1 for none.
         hidden: widths of the fully connected layers.
+        maps: input maps: the six, and those of the game's options.
     """
 
     n: int
@@ -39,6 +40,7 @@ class Architecture:
     strides: tuple[int, ...]
     pools: tuple[int, ...]
     hidden: tuple[int, ...]
+    maps: int = CHANNELS
 
     @property
     def features(self) -> int:
@@ -46,12 +48,12 @@ class Architecture:
         side = self.n
         for stride, pool in zip(self.strides, self.pools, strict=True):
             side = -(-((side + 2 * PADDING - KERNEL) // stride + 1) // pool)
-        return side * side * (self.channels[-1] if self.channels else CHANNELS)
+        return side * side * (self.channels[-1] if self.channels else self.maps)
 
     @property
     def parameters(self) -> int:
         """Of the actor, biases included."""
-        widths = (CHANNELS, *self.channels)
+        widths = (self.maps, *self.channels)
         convolutions = sum(a * KERNEL**2 * b + b for a, b in pairwise(widths))
         sizes = (self.features, *self.hidden, ACTIONS)
         return convolutions + sum(a * b + b for a, b in pairwise(sizes))
@@ -91,7 +93,7 @@ class Network(eqx.Module):
 
     def __init__(self, key: PRNGKeyArray, architecture: Architecture, outputs: int, gain: float) -> None:
         keys = iter(jax.random.split(key, len(architecture.channels) + len(architecture.hidden) + 1))
-        widths = (CHANNELS, *architecture.channels)
+        widths = (architecture.maps, *architecture.channels)
         sizes = (architecture.features, *architecture.hidden)
         relu = math.sqrt(2.0)
         self.convolutions = [Linear.new(next(keys), a * KERNEL**2, b, relu) for a, b in pairwise(widths)]
@@ -99,7 +101,7 @@ class Network(eqx.Module):
         self.layers.append(Linear.new(next(keys), sizes[-1], outputs, gain))
         self.architecture = architecture
 
-    def __call__(self, maps: Float[Array, "batch 6 n n"]) -> Float[Array, "batch outputs"]:
+    def __call__(self, maps: Float[Array, "batch maps n n"]) -> Float[Array, "batch outputs"]:
         """Apply to a batch of normalised maps."""
         batch = maps.shape[0]
         x = maps.reshape(batch, -1)

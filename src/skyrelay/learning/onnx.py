@@ -9,7 +9,6 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from skyrelay.core.flight import ACTIONS
-from skyrelay.core.maps import CHANNELS
 from skyrelay.learning.networks import KERNEL, PADDING, Linear, Network
 from skyrelay.policy.card import CARD_KEY, Card
 
@@ -17,7 +16,7 @@ OPSET = 17
 
 
 def export(actor: Network, card: Card) -> bytes:
-    """The actor as an ONNX model: input ``maps`` [batch, 6, n, n], output ``logits`` [batch, 9].
+    """The actor as an ONNX model: input ``maps`` [batch, maps, n, n], output ``logits`` [batch, 9].
 
     The same network gives the same bytes.
     """
@@ -35,7 +34,7 @@ def export(actor: Network, card: Card) -> bytes:
         weights.append(numpy_helper.from_array(np.ascontiguousarray(value, dtype=np.float32), name))
         return name
 
-    widths = (CHANNELS, *architecture.channels)
+    widths = (architecture.maps, *architecture.channels)
     for number, convolution in enumerate(actor.convolutions):
         stride, pool = architecture.strides[number], architecture.pools[number]
         kernel = constant(f"conv_{number}.weight", _kernel(convolution, widths[number]))
@@ -57,7 +56,7 @@ def export(actor: Network, card: Card) -> bytes:
     graph = helper.make_graph(
         nodes,
         "policy",
-        [helper.make_tensor_value_info("maps", TensorProto.FLOAT, ["batch", CHANNELS, n, n])],
+        [helper.make_tensor_value_info("maps", TensorProto.FLOAT, ["batch", architecture.maps, n, n])],
         [helper.make_tensor_value_info("logits", TensorProto.FLOAT, ["batch", ACTIONS])],
         weights,
     )

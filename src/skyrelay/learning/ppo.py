@@ -22,7 +22,7 @@ from skyrelay.coordination import game
 from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape
 from skyrelay.core.flight import unit_moves
-from skyrelay.core.maps import normalise
+from skyrelay.core.maps import PAPER_MAPS, normalise
 from skyrelay.learning.gae import advantages
 from skyrelay.learning.networks import Architecture, Network
 from skyrelay.learning.networks import actor as new_actor
@@ -110,7 +110,7 @@ class Experience(NamedTuple):
         active: false for a row that holds no UAV, which counts for nothing.
     """
 
-    maps: UInt8[Array, "*rows 6 n n"]
+    maps: UInt8[Array, "*rows maps n n"]
     action: Int[Array, "*rows"]
     log_probability: Float[Array, "*rows"]
     value: Float[Array, "*rows"]
@@ -159,7 +159,7 @@ def collect(
     fresh = new_games(k_reset, config.games, shape, domain)
 
     def look(network: Network, maps: Array) -> Array:
-        return jax.vmap(network)(normalise(maps, shape.zoom))
+        return jax.vmap(network)(normalise(maps, shape.zoom, shape.maps))
 
     def play(carry: tuple[game.State, game.State], key: PRNGKeyArray) -> tuple[tuple[game.State, game.State], Any]:
         games, last = carry
@@ -197,16 +197,21 @@ def collect(
 
 
 def loss(
-    networks: tuple[Network, Network], batch: Experience, config: Hyperparameters, zoom: int
+    networks: tuple[Network, Network],
+    batch: Experience,
+    config: Hyperparameters,
+    zoom: int,
+    names: tuple[str, ...] = PAPER_MAPS,
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
     """The clipped surrogate objective, the critic's squared error, and the entropy bonus (Schulman et al. 2017, Eq. 9).
 
     Args:
         batch: rows of experience, [rows].
+        zoom, names: of its maps.
     Returns: the loss, and its parts by name.
     """
     actor, critic = networks
-    maps = normalise(batch.maps, zoom)
+    maps = normalise(batch.maps, zoom, names)
     log_probabilities = jax.nn.log_softmax(actor(maps))
     log_probability = jnp.take_along_axis(log_probabilities, batch.action[:, None], -1)[:, 0]
     value = critic(maps)[:, 0]
@@ -245,9 +250,10 @@ def update(
     """
     shaping = jnp.clip(1.0 - learner.updates / max(config.shaping * total_updates, 1.0), 0.0, 1.0)
     learner, experience, score = collect(learner, config, domain, shaping)
-    zoom = learner.games.shape.zoom
+    shape = learner.games.shape
     adam = optimizer(config, total_updates)
     rows: Experience = jax.tree.map(lambda x: x.reshape(-1, *x.shape[3:]), experience)
+    objective = partial(loss, config=config, zoom=shape.zoom, names=shape.maps)
     count = rows.action.shape[0]
     size = count // config.minibatches
 
@@ -260,7 +266,7 @@ def update(
         if config.symmetries:
             batch = turned(batch, side)
         networks = eqx.combine(arrays, static)
-        gradient, parts = eqx.filter_grad(partial(loss, config=config, zoom=zoom), has_aux=True)(networks, batch)
+        gradient, parts = eqx.filter_grad(objective, has_aux=True)(networks, batch)
         steps, state = adam.update(gradient, state, arrays)
         return (eqx.apply_updates(arrays, steps), state), parts
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from skyrelay.coordination.energy import Batteries
+from skyrelay.coordination.obstacles import Cities
 from skyrelay.coordination.settings import Domain, Shape, physical, varied
 from skyrelay.core.errors import UsageError
 from skyrelay.learning.networks import FAST, GENERALIST, GENERALIST_CRITIC, PAPER
 from skyrelay.learning.ppo import Hyperparameters
 
 PresetName = Literal["fast", "generalist", "paper"]
-GamesName = Literal["paper", "varied"]
+GamesName = Literal["paper", "varied", "obstacles", "energy"]
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,20 @@ class Training:
 def games_of(
     games: GamesName, uavs: tuple[int, int], vehicles: tuple[int, int], n: int, zoom: int = 2
 ) -> tuple[Domain, Shape]:
-    """The games called "paper" (one scale) or "varied" (many scales, speeds and kinds of traffic), for some sizes."""
+    """The games of a name, for some sizes.
+
+    Args:
+        games: "paper" (one scale), "varied" (many scales, speeds and kinds of traffic, drop-outs), "obstacles" (of one
+            scale, with buildings that block the sight) or "energy" (of one scale, with batteries and a charging point).
+    """
+    if games == "obstacles":
+        cities = Cities()
+        domain = replace(physical(uavs, vehicles), cities=cities)
+        return domain, Shape(uavs[1], vehicles[1], n=n, zoom=zoom, walls=cities.walls)
+    if games == "energy":
+        return replace(physical(uavs, vehicles), batteries=Batteries()), Shape(
+            uavs[1], vehicles[1], n=n, zoom=zoom, energy=True
+        )
     if games == "varied":
         return varied(uavs, vehicles), Shape(uavs[1], vehicles[1], n=n, zoom=zoom, mobility="mixed", drop_outs=True)
     return physical(uavs, vehicles), Shape(uavs[1], vehicles[1], n=n, zoom=zoom)
@@ -100,7 +115,7 @@ def training(
             network and table).
         uavs, vehicles: smallest and largest numbers; each game draws its own.
         steps: of a team; None for the preset's own.
-        games: "paper" (one scale) or "varied" (many scales, speeds and kinds of traffic).
+        games: as in `games_of`.
     Raises:
         UsageError: a number does not fit.
     """
@@ -110,5 +125,7 @@ def training(
     if preset == "paper":
         # The table's horizon counts steps of a team; minibatches stay near 500 decisions whatever the team's size.
         base = replace(base, minibatches=8 * uavs[1])
+    maps = len(shape.maps)
+    base = replace(base, actor=replace(base.actor, maps=maps), critic=replace(base.critic, maps=maps))
     default = {"fast": 400_000, "generalist": 1_000_000, "paper": 1_000_000}[preset]
     return Training(preset, base, shape, domain, steps if steps is not None else default, seed)

@@ -274,6 +274,7 @@ def make_card(config: Training, name: str, command: str, evaluation: list[Evalua
     return Card(
         name=name,
         n=config.shape.n,
+        maps=config.shape.maps,
         zoom=config.shape.zoom,
         uavs=domain.uavs,
         vehicles=domain.vehicles,

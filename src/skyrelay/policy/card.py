@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from skyrelay.core.maps import ENERGY_MAPS, OBSTACLE_MAPS, PAPER_MAPS, map_names
 
 Count = Annotated[int, Field(ge=1)]
 CARD_KEY = "skyrelay.card"
@@ -42,7 +44,8 @@ class Card(_Model):
 
     Attributes:
         name: of the policy.
-        n: side of the six maps [cells].
+        n: side of the maps [cells].
+        maps: names of those that it looks at, in order; the six of every game where the card does not say.
         zoom: of the full maps over n.
         uavs, vehicles: smallest and largest numbers trained for.
         ratio: smallest and largest zone side over range trained for.
@@ -58,6 +61,7 @@ class Card(_Model):
 
     name: Annotated[str, Field(min_length=1, max_length=80)]
     n: Annotated[int, Field(ge=3, le=63)]
+    maps: tuple[str, ...] = PAPER_MAPS
     zoom: Annotated[int, Field(ge=2, le=3)]
     uavs: tuple[Count, Count]
     vehicles: tuple[Count, Count]
@@ -70,3 +74,15 @@ class Card(_Model):
     versions: dict[str, str]
     evaluation: list[Evaluation]
     limits: str
+
+    @field_validator("maps")
+    @classmethod
+    def _known(cls, maps: tuple[str, ...]) -> tuple[str, ...]:
+        known = [
+            map_names(obstacles=obstacles, energy=energy) for obstacles in (False, True) for energy in (False, True)
+        ]
+        if maps not in known:
+            raise ValueError(
+                f"the six maps ({', '.join(PAPER_MAPS)}), then all of {OBSTACLE_MAPS}, all of {ENERGY_MAPS}"
+            )
+        return maps

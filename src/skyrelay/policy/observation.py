@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
 from skyrelay.core.maps import (
     CHANNELS,
+    ENERGY_MAPS,
     GLOBAL_COVERAGE,
     GLOBAL_LOCATION,
     GLOBAL_TEAM,
     GLOBAL_VEHICLES,
     LOCAL_LOCATION,
     LOCAL_VEHICLES,
+    OBSTACLE_MAPS,
+    PAPER_MAPS,
+    cell_of,
+    chosen,
+    energy_maps,
+    footprint,
     normalise,
+    obstacle_maps,
 )
 
 Floats = npt.NDArray[np.floating]
@@ -30,8 +40,12 @@ def observe(
     *,
     n: int,
     zoom: int,
+    names: Sequence[str] = PAPER_MAPS,
+    walls: Floats | None = None,
+    charger: tuple[float, float] | None = None,
+    charge: float | None = None,
 ) -> Maps:
-    """The six maps of one UAV, from what it knows: itself, its team and its own vehicles.
+    """The maps of one UAV, from what it knows: itself, its team, its own vehicles, the city and its battery.
 
     Args:
         own_xy: [2] its position [m].
@@ -40,13 +54,19 @@ def observe(
         zone_corner: the zone's south-west corner [m].
         zone_side: [m].
         reach: range of its links [m].
-        n, zoom: of the policy (its card tells).
-    Returns: [6, n, n], normalised. Positions outside the zone are shown at its border.
+        n, zoom, names: of the policy's maps (its card tells).
+        walls: [W, 5] of the buildings (`skyrelay.core.flight.in_sight`) [m]; None on open ground, whose maps are empty.
+        charger: the charging point [m]; None where there is none.
+        charge: its own, from 0 to 1; None where it does not count.
+    Returns: [maps, n, n], normalised. Positions outside the zone are shown at its border.
     """
     uavs = np.vstack([np.asarray(own_xy).reshape(1, 2), np.asarray(team_xy).reshape(-1, 2)])
     vehicles = np.asarray(vehicles_xy).reshape(-1, 2)
     owner = np.zeros(len(vehicles), dtype=np.int64)
-    maps: Maps = _maps(uavs, vehicles, owner, zone_corner, zone_side, reach, n, zoom, seers=1)[0]
+    charges = None if charge is None else np.array([charge])
+    maps: Maps = _maps(
+        uavs, vehicles, owner, zone_corner, zone_side, reach, n, zoom, names, walls, charger, charges, seers=1
+    )[0]
     return maps
 
 
@@ -60,17 +80,36 @@ def observe_team(
     *,
     n: int,
     zoom: int,
+    names: Sequence[str] = PAPER_MAPS,
+    walls: Floats | None = None,
+    charger: tuple[float, float] | None = None,
+    charge: Floats | None = None,
 ) -> Maps:
-    """The six maps of every UAV of a team at once: for UAV i the same as `observe` with its own vehicles.
+    """The maps of every UAV of a team at once: for UAV i the same as `observe` with its own vehicles.
 
     Args:
         uavs_xy: [N, 2] positions [m].
         vehicles_xy: [V, 2] positions [m]; NaN where a vehicle is not there.
         owner: [V] row of the UAV that serves each vehicle; negative for none.
-        zone_corner, zone_side, reach, n, zoom: as in `observe`.
-    Returns: [N, 6, n, n], normalised.
+        charge: [N] of each UAV, from 0 to 1; None where it does not count.
+        zone_corner, zone_side, reach, n, zoom, names, walls, charger: as in `observe`.
+    Returns: [N, maps, n, n], normalised.
     """
-    return _maps(uavs_xy, vehicles_xy, owner, zone_corner, zone_side, reach, n, zoom, seers=len(uavs_xy))
+    return _maps(
+        uavs_xy,
+        vehicles_xy,
+        owner,
+        zone_corner,
+        zone_side,
+        reach,
+        n,
+        zoom,
+        names,
+        walls,
+        charger,
+        charge,
+        seers=len(uavs_xy),
+    )
 
 
 def _maps(
@@ -82,9 +121,13 @@ def _maps(
     reach: float,
     n: int,
     zoom: int,
+    names: Sequence[str],
+    walls: Floats | None,
+    charger: tuple[float, float] | None,
+    charge: Floats | None,
     seers: int,
 ) -> Maps:
-    """[seers, 6, n, n] maps of the first ``seers`` UAVs, to whom all vehicles belong."""
+    """[seers, maps, n, n] maps of the first ``seers`` UAVs, to whom all vehicles belong."""
     cells = n * zoom
     corner = np.asarray(zone_corner, dtype=np.float64)
     there = (np.asarray(owner) >= 0) & np.isfinite(vehicles_xy).all(axis=-1)
@@ -92,8 +135,7 @@ def _maps(
     vehicles = ((np.asarray(vehicles_xy, dtype=np.float64)[there] - corner) / zone_side).clip(0.0, 1.0)
     of = np.asarray(owner)[there]
 
-    uav_cell = (uavs * cells).astype(np.int64).clip(0, cells - 1)
-    vehicle_cell = (vehicles * cells).astype(np.int64).clip(0, cells - 1)
+    uav_cell, vehicle_cell = cell_of(uavs, cells), cell_of(vehicles, cells)
     window = (uav_cell - n // 2).clip(0, cells - n)
     in_window = vehicle_cell - window[of]
     seen = ((in_window >= 0) & (in_window < n)).all(axis=-1)
@@ -114,7 +156,22 @@ def _maps(
     y2 = (uavs[:, 1, None] - centre) ** 2
     near = y2[:, :, None] + x2[:, None, :] <= (reach / zone_side) ** 2
     levels[:, GLOBAL_COVERAGE] = near.sum(axis=0).reshape(n, zoom, n, zoom).sum(axis=(1, 3))
-    maps: Maps = normalise(levels, zoom)
+
+    has: tuple[str, ...] = PAPER_MAPS
+    more: tuple[Floats, ...] = ()
+    if walls is not None and set(OBSTACLE_MAPS) & set(names):
+        has += OBSTACLE_MAPS
+        zone_walls = np.column_stack([(walls[:, :4] - np.tile(corner, 2)) / zone_side, walls[:, 4]])
+        own = of == seer[:, None]
+        built = footprint(zone_walls, cells)
+        more += obstacle_maps(window[:seers], own, vehicles, reach / zone_side, zone_walls, built, n, zoom)
+    if charger is not None and charge is not None:
+        has += ENERGY_MAPS
+        point = (np.asarray(charger, dtype=np.float64) - corner) / zone_side
+        more += energy_maps(window[:seers], point, np.asarray(charge, dtype=np.float64), n, zoom)
+    if more:
+        levels = np.concatenate([levels, np.stack(more, axis=1).astype(np.float32)], axis=1)
+    maps: Maps = chosen(normalise(levels, zoom, has), has, names)
     return maps
 
 

@@ -12,7 +12,6 @@ from pydantic import ValidationError
 
 from skyrelay.core.errors import ModelError
 from skyrelay.core.flight import ACTIONS
-from skyrelay.core.maps import CHANNELS
 from skyrelay.policy.card import CARD_KEY, Card
 
 MAX_BYTES = 64 * 2**20
@@ -45,7 +44,7 @@ class Policy:
         self.content = content
         self._session = session
         _check(session, self.card, place)
-        self.decide(np.zeros((1, CHANNELS, self.card.n, self.card.n), dtype=np.float32))
+        self.decide(np.zeros((1, len(self.card.maps), self.card.n, self.card.n), dtype=np.float32))
 
     @classmethod
     def load(cls, source: str | Path | bytes, place: str | None = None) -> Policy:
@@ -88,7 +87,7 @@ class Policy:
         return self.card.zoom
 
     def logits(self, maps: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """[batch, 9] the network's outputs for maps [batch, 6, n, n]."""
+        """[batch, 9] the network's outputs for maps [batch, maps, n, n]."""
         result: npt.NDArray[np.float32] = self._session.run(None, {self._session.get_inputs()[0].name: maps})[0]
         return result
 
@@ -96,7 +95,7 @@ class Policy:
         """The most valued action of each UAV.
 
         Args:
-            maps: [batch, 6, n, n] from `skyrelay.policy.observation`.
+            maps: [batch, maps, n, n] from `skyrelay.policy.observation`, those of its card.
         Returns: [batch] actions 0..8.
         """
         actions: npt.NDArray[np.int64] = self.logits(maps).argmax(axis=1)
@@ -127,9 +126,9 @@ def _check(session: onnxruntime.InferenceSession, card: Card, place: str) -> Non
     inputs, outputs = session.get_inputs(), session.get_outputs()
     if len(inputs) != 1 or len(outputs) != 1:
         raise ModelError(place, f"{len(inputs)} and {len(outputs)}", "one input and one output")
-    shape = list(inputs[0].shape)
-    if len(shape) != 4 or isinstance(shape[0], int) or shape[1:] != [CHANNELS, card.n, card.n]:
-        raise ModelError(f"{place}: input", shape, f"[batch, {CHANNELS}, {card.n}, {card.n}], as the card says")
+    shape, maps = list(inputs[0].shape), len(card.maps)
+    if len(shape) != 4 or isinstance(shape[0], int) or shape[1:] != [maps, card.n, card.n]:
+        raise ModelError(f"{place}: input", shape, f"[batch, {maps}, {card.n}, {card.n}], as the card says")
     if inputs[0].type != "tensor(float)":
         raise ModelError(f"{place}: input", inputs[0].type, "tensor(float)")
     if len(outputs[0].shape) != 2 or outputs[0].shape[1] != ACTIONS:

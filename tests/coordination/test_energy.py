@@ -1,0 +1,107 @@
+"""Charge: what flying takes and the charging point gives, and what a UAV without any does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import game_reference as reference
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from skyrelay.coordination import game
+from skyrelay.coordination.energy import Batteries
+from skyrelay.coordination.pettingzoo import UavCoordination
+from skyrelay.coordination.settings import Shape, physical
+from skyrelay.coordination.testing import check_parallel_env
+from skyrelay.core.maps import map_names, normalise
+from skyrelay.policy import observe_team
+
+SHAPE = Shape(3, 6, n=5, steps=12, energy=True)
+DOMAIN = replace(physical((3, 3), (6, 6)), batteries=Batteries(radius=(0.1, 0.1)))
+
+
+@pytest.fixture(scope="module")
+def start() -> game.State:
+    return jax.jit(lambda key: game.reset(key, SHAPE, DOMAIN.draw(key)))(jax.random.key(2))
+
+
+@pytest.fixture(scope="module")
+def step():
+    return jax.jit(game.step)
+
+
+def test_flying_costs_and_hovering_at_the_point_charges(start, step):
+    charging = start.parameters.charging
+    uavs = jnp.stack([charging.point, charging.point + jnp.array([0.09, 0.0]), charging.point - 0.3])
+    charge = jnp.array([0.5, 0.5, 0.5])
+    after, _ = step(replace(start, uavs=uavs, charge=charge), jnp.array([0, 0, 0]))
+    np.testing.assert_allclose(after.charge[:2], 0.5 + charging.gain, rtol=1e-6)
+    np.testing.assert_allclose(after.charge[2], 0.5 - charging.hover, rtol=1e-6)
+    moved, _ = step(replace(start, uavs=uavs, charge=charge), jnp.array([1, 2, 3]))
+    np.testing.assert_allclose(moved.charge, 0.5 - charging.move, rtol=1e-6)  # a move through the point charges nothing
+    full, _ = step(replace(start, uavs=uavs, charge=jnp.ones(3)), jnp.array([0, 0, 0]))
+    assert (full.charge <= 1.0).all()
+
+
+def test_a_uav_without_charge_is_on_the_ground(start, step):
+    at = jnp.array([[0.5, 0.5], [0.5, 0.6], [0.5, 0.7]])
+    traffic = start.traffic._replace(position=jnp.tile(at[0], (6, 1)))
+    state = replace(start, uavs=at, traffic=traffic, owner=jnp.array([0, 0, 1, 1, 2, 2]), charge=jnp.array([0.0, 1, 1]))
+    score = game.measure(state)
+    assert float(score.coverage) == pytest.approx(4 / 6)
+    assert float(score.connectivity) == 0.0
+    assert float(game.measure(replace(state, charge=jnp.ones(3))).connectivity) == 1.0
+    charging = state.parameters.charging
+    far = state.parameters._replace(charging=charging._replace(point=jnp.array([0.1, 0.1])))
+    after, _ = step(replace(state, parameters=far), jnp.array([1, 1, 1]))
+    np.testing.assert_array_equal(after.uavs[0], at[0])
+    assert (np.asarray(after.uavs[1:, 0]) > 0.5).all()
+    assert float(after.charge[0]) == 0.0
+    at_point = state.parameters._replace(charging=charging._replace(point=at[0]))
+    risen, _ = step(replace(state, parameters=at_point), jnp.array([0, 1, 1]))
+    assert bool(risen.flying[0])
+
+
+def test_the_potential_tells_when_to_turn_back(start):
+    charging = start.parameters.charging._replace(point=jnp.array([0.0, 0.5]), move=jnp.float32(0.01))
+    still = start.parameters._replace(charging=charging)
+
+    def short(x, charge):
+        state = replace(start, parameters=still, uavs=jnp.array([[x, 0.5]] * 3), charge=jnp.full(3, charge))
+        rich = replace(state, charge=jnp.ones(3))
+        return float(game.potential(state)[0] - game.potential(rich)[0])
+
+    assert short(0.9, 0.9) == 0.0
+    assert short(0.7, 0.1) < short(0.6, 0.1) < 0.0
+    assert short(0.05, 0.5) == 0.0
+
+
+def test_maps_equal_the_plain_loops_in_the_game_and_in_flight(start):
+    names = map_names(obstacles=False, energy=True)
+    maps = np.asarray(jax.jit(game.observe)(start))
+    uavs, vehicles, owner, charge = (
+        np.asarray(x) for x in (start.uavs, start.traffic.position, start.owner, start.charge)
+    )
+    point = np.asarray(start.parameters.charging.point)
+    np.testing.assert_array_equal(maps[:, 6:], reference.energy_maps(uavs, point, charge, 5, 2))
+    corner, side = (-512.0, 2048.0), 1024.0
+    flown = observe_team(
+        uavs * side + corner,
+        vehicles * side + corner,
+        owner,
+        corner,
+        side,
+        float(start.parameters.reach) * side,
+        n=5,
+        zoom=2,
+        names=names,
+        charger=tuple(point * side + corner),
+        charge=charge,
+    )
+    np.testing.assert_allclose(flown, np.asarray(normalise(maps, 2, names)), rtol=1e-6)
+
+
+def test_the_environment_conforms():
+    assert check_parallel_env(lambda: UavCoordination(SHAPE, DOMAIN), episodes=2) == 24
