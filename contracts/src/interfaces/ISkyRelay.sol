@@ -48,6 +48,7 @@ interface ISkyRelay is ISkyRelayTypes {
     /// @notice UAVs of a zone, in list order.
     function getZoneUAV(uint32 zone) external view returns (address[] memory);
 
+    /// @notice A UAV's record, and what is left of its bandwidth in the current period.
     function getUAVInfo(address uav) external view returns (UAVInfo memory);
 
     /// @notice Eq. 2 and QoV/sqrt(RB) as a proposal would get them now.

@@ -23,11 +23,13 @@ interface ISkyRelayExtension is ISkyRelayTypes {
     /// @param index of the vehicle's proposal in that session.
     function rateVehicle(address vehicle, uint16 index, bool good) external;
 
+    /// @notice A vehicle's record.
     function getVehicleInfo(address vehicle) external view returns (VehicleInfo memory);
 
     /// @notice UAVs of a zone that selected at least one vehicle in the current period.
     function getSelectedUAVs(uint32 zone) external view returns (address[] memory);
 
+    /// @notice A zone at this moment.
     function getZoneInfo(uint32 zone) external view returns (ZoneInfo memory);
 
     /// @notice The current period's proposals to a UAV, by index.
@@ -39,14 +41,19 @@ interface ISkyRelayExtension is ISkyRelayTypes {
         view
         returns (ProposalStatus status, address uav, uint16 index);
 
+    /// @notice How many UAVs are registered.
     function uavCount() external view returns (uint256);
 
+    /// @notice The UAV at a place in the list of all; those of zone 0 are the pool.
     function uavAt(uint256 index) external view returns (address);
 
+    /// @notice How many models are in use.
     function modelCount() external view returns (uint256);
 
+    /// @notice The id of the model at a place in the list of those in use, the first registered first.
     function modelAt(uint256 index) external view returns (bytes32);
 
+    /// @notice A model, also one that is retired; `cid` is the binary CIDv1.
     function getModel(bytes32 modelId)
         external
         view
