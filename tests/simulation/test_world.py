@@ -76,12 +76,12 @@ def test_draining_never_goes_below_zero_and_spares_the_landed(tracks):
     before = fleet.battery.copy()
     moved = np.zeros(len(fleet.ids), dtype=bool)
     moved[1] = True
-    fleet.drain(scenario.energy, moved, 60.0)
+    fleet.drain(scenario.energy, moved, 60.0, _grid(tracks))
     spent = before - fleet.battery
     assert spent[0] == 0
     assert spent[1] == pytest.approx(min(5.0, before[1]))
     np.testing.assert_allclose(spent[2:], np.minimum(4.0, before[2:]))
-    fleet.drain(scenario.energy, moved, 1e6)
+    fleet.drain(scenario.energy, moved, 1e6, _grid(tracks))
     assert fleet.battery[1:].max() == 0
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -9,7 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from skyrelay.core.errors import ScenarioError
 
@@ -22,6 +23,40 @@ def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
     if bounds[0] > bounds[1]:
         raise ValueError("the lower bound first, then the upper")
     return bounds
+
+
+def _ring(corners: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    """Counter-clockwise and open, whichever way it was given."""
+    if len(corners) > 1 and corners[0] == corners[-1]:
+        corners = corners[:-1]
+    area = sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in zip(corners, corners[1:] + corners[:1], strict=True))
+    if len(corners) < 3 or area == 0:
+        raise ValueError("at least three corners that are not in one line")
+    return corners if area > 0 else corners[::-1]
+
+
+def read_buildings(path: Path) -> list[dict[str, Any]]:
+    """The polygons of a GeoJSON file, each with its property ``height``; coordinates are metres of the run's area.
+
+    Raises:
+        ValueError: naming what was expected of the file.
+    """
+    try:
+        tree = json.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise ValueError(f"a readable GeoJSON file ({error.strerror})") from error
+    except ValueError as error:
+        raise ValueError(f"a GeoJSON file ({error})") from error
+    buildings = []
+    try:
+        for number, feature in enumerate(tree["features"]):
+            geometry, height = feature["geometry"], feature["properties"]["height"]
+            if geometry["type"] != "Polygon" or len(geometry["coordinates"]) != 1:
+                raise ValueError(f"in features[{number}] a Polygon of one ring (no courtyards)")
+            buildings.append({"polygon": geometry["coordinates"][0], "height": height})
+    except (KeyError, TypeError) as error:
+        raise ValueError("a GeoJSON FeatureCollection, each feature with a geometry and a property height") from error
+    return buildings
 
 
 def _sums_to_one(weights: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
@@ -127,6 +162,37 @@ class Energy(_Section):
     hover_per_minute: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(4.0, description="[% of the battery]")
     move_per_minute: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(5.0, description="[% of the battery]")
     reserve: Percent = Field(3.0, description="at or below it a UAV leaves, and selection replaces it [%]")
+    charge_per_minute: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
+        0.0, description="what hovering at its zone's charging point gives; 0: there are none [% of the battery]"
+    )
+    charging_point: tuple[Share, Share] = Field(
+        (0.5, 0.5), description="of every zone, from its south-west corner [zone sides]"
+    )
+    charging_radius: Positive = Field(100.0, description="within which a UAV is charged [m]")
+
+
+Coordinate = Annotated[float, Field(allow_inf_nan=False)]
+Ring = Annotated[tuple[tuple[Coordinate, Coordinate], ...], AfterValidator(_ring)]
+
+
+class Building(_Section):
+    """What blocks the sight from a UAV to a vehicle."""
+
+    polygon: Ring = Field(description="corners in order, x and y [m]")
+    height: Positive = Field(description="[m]")
+
+
+class Obstacles(_Section):
+    """What stands between UAVs and vehicles; links between UAVs are above the roofs."""
+
+    buildings: tuple[Building, ...] = Field(
+        (), description="polygons with a height, or the name of a GeoJSON file of them [m]; none: open ground"
+    )
+
+    @field_validator("buildings", mode="before")
+    @classmethod
+    def _from_file(cls, value: object) -> object:
+        return read_buildings(Path(value)) if isinstance(value, str) else value
 
 
 class Chain(_Section):
@@ -162,6 +228,7 @@ class Scenario(_Section):
     selection: Selection = Selection()
     coordination: Coordination = Coordination()
     energy: Energy = Energy()
+    obstacles: Obstacles = Obstacles()
     chain: Chain = Chain()
     store: Store = Store()
 
@@ -175,6 +242,14 @@ class Scenario(_Section):
         ):
             if largest > maximum:
                 raise ValueError(f"{key} of at most selection.{name} ({largest:g} is above {maximum:g})")
+        return self
+
+    @model_validator(mode="after")
+    def _above_the_roofs(self) -> Scenario:
+        """UAVs see each other; and a line of sight that never rises above a roof would be no 2.5-dimensional one."""
+        highest = max((building.height for building in self.obstacles.buildings), default=0.0)
+        if self.obstacles.buildings and self.fleet.altitude <= highest:
+            raise ValueError(f"fleet.altitude above the highest building's {highest:g} m ({self.fleet.altitude:g} m)")
         return self
 
 
@@ -203,6 +278,8 @@ def load_scenario(source: str | Path = "bologna", overrides: Sequence[str] = (),
         _override(tree, override)
     if seed is not None:
         tree["seed"] = seed
+    if folder is not None:
+        _place_buildings(tree, folder, overrides)
     scenario = validate(tree, place)
     if folder is None:
         return scenario
@@ -213,6 +290,15 @@ def load_scenario(source: str | Path = "bologna", overrides: Sequence[str] = (),
     if (folder / coordination.policy).is_file():
         coordination = coordination.model_copy(update={"policy": str(folder / coordination.policy)})
     return scenario.model_copy(update={"mobility": mobility, "coordination": coordination})
+
+
+def _place_buildings(tree: dict[str, Any], folder: Path, overrides: Sequence[str]) -> None:
+    """The file of buildings that a scenario's file names, relative to that file."""
+    section = tree.get("obstacles")
+    if not isinstance(section, dict) or not isinstance(name := section.get("buildings"), str):
+        return
+    if (folder / name).is_file() and "obstacles.buildings" not in {o.partition("=")[0].strip() for o in overrides}:
+        section["buildings"] = str(folder / name)
 
 
 def validate(tree: Mapping[str, Any], place: str = "scenario") -> Scenario:
@@ -255,13 +341,21 @@ def to_commented_toml(scenario: Scenario) -> str:
         for key, described in type(model).model_fields.items():
             value = getattr(model, key)
             if isinstance(value, tuple):
-                text = f"{key} = [{', '.join(map(str, value))}]"
+                text = f"{key} = [{', '.join(map(_inline, value))}]"
             elif value is None:
                 text = f"# {key} ="
             else:
                 text = tomli_w.dumps({key: value}).rstrip()
             lines.append(f"{text}  # {described.description}" if described.description else text)
     return "\n".join(lines) + "\n"
+
+
+def _inline(value: object) -> str:
+    """A number or a building as TOML on one line."""
+    if isinstance(value, Building):
+        corners = ", ".join(f"[{x}, {y}]" for x, y in value.polygon)
+        return f"{{polygon = [{corners}], height = {value.height}}}"
+    return str(value)
 
 
 def _read(source: str | Path) -> tuple[str, str, Path | None]:
@@ -301,7 +395,8 @@ def _suggest(key: str) -> str:
     model: Any = Scenario
     *sections, last = key.split(".")
     for section in sections:
-        model = model.model_fields[section].annotation
+        # Below a list there are buildings only; their place in it is no key.
+        model = Building if section.isdigit() else model.model_fields[section].annotation
     names = list(model.model_fields)
     close = difflib.get_close_matches(last, names, n=1)
     return f"did you mean {close[0]!r}?" if close else "one of " + ", ".join(names)

@@ -121,6 +121,11 @@ def _contents(run: Run) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         "periodSteps": summary.period_steps,
         "range": summary.range_m,
         "grid": summary.grid.model_dump(),
+        "buildings": [
+            {"corners": [value for corner in building.polygon for value in corner], "height": building.height}
+            for building in run.scenario.obstacles.buildings
+        ],
+        "charging": _charging(run),
         "box": [low_x, low_y, high_x, high_y],
         "vehicles": vehicle_ids,
         "uavs": fleet,
@@ -135,6 +140,18 @@ def _contents(run: Run) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         "eventArgs": [_arguments(run, int(row), names_of) for row in order],
     }
     return header, arrays
+
+
+def _charging(run: Run) -> dict[str, Any] | None:
+    """Where each zone's charging point is, and its radius [m]; None where there are none."""
+    energy, grid = run.scenario.energy, run.grid
+    if energy.charge_per_minute == 0:
+        return None
+    offset = np.array(energy.charging_point) * grid.side
+    return {
+        "points": [(np.array(grid.corner(zone)) + offset).tolist() for zone in grid.ids],
+        "radius": energy.charging_radius,
+    }
 
 
 def _extent(origin: float, length: float, *columns: npt.NDArray[np.float64]) -> tuple[float, float]:

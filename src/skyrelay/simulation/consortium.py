@@ -11,7 +11,7 @@ from skyrelay.chain.client import IovClient, ModelCard, Role, Settings
 from skyrelay.chain.embedded import EmbeddedChain
 from skyrelay.chain.node import NodeChain
 from skyrelay.core.flight import ACTIONS
-from skyrelay.core.maps import CHANNELS
+from skyrelay.core.maps import map_names
 from skyrelay.core.scenario import Chain as ChainConfig
 from skyrelay.core.scenario import Scenario
 from skyrelay.policy import Policy, builtin_policies
@@ -52,7 +52,7 @@ class Consortium:
     """
 
     def __init__(self, scenario: Scenario, folder: Path) -> None:
-        self._policies = _policies(scenario.coordination.policy)
+        self._policies = _policies(scenario)
         url = scenario.store.url
         self.store: ModelStore = KuboStore(url) if url else LocalStore(folder / STORE_FOLDER)
         self.hangar = Hangar()
@@ -61,7 +61,8 @@ class Consortium:
         self.coordinator = self.account("coordinator")
         self.publisher = self.account("publisher")
         self.authority = self.account("reputation authority")
-        self.client = IovClient.deploy(self.chain, Settings.of(scenario.selection), self.administrator)
+        settings = Settings.of(scenario.selection, channels=len(self._policies[0].card.maps))
+        self.client = IovClient.deploy(self.chain, settings, self.administrator)
 
     def account(self, name: str) -> str:
         """The address of a party or member."""
@@ -123,14 +124,21 @@ def chain_card(card: Card) -> ModelCard:
         min_vehicles=card.vehicles[0],
         max_vehicles=card.vehicles[1],
         observation_side=card.n,
-        channels=CHANNELS,
+        channels=len(card.maps),
         actions=ACTIONS,
         score=card.evaluation[0].episode_return.mean if card.evaluation else 0.0,
     )
 
 
-def _policies(name: str) -> list[Policy]:
-    """The shipped policies, or the one at a path."""
-    if name == "auto":
-        return [Policy.builtin(builtin) for builtin in builtin_policies()]
-    return [Policy.load(Path(name))]
+def _policies(scenario: Scenario) -> list[Policy]:
+    """The one at a path; or the shipped policies that look at all that this run can show, or come nearest to it.
+
+    Policies that look at maps which the run does not have are left out: they were trained for other games.
+    """
+    if scenario.coordination.policy != "auto":
+        return [Policy.load(Path(scenario.coordination.policy))]
+    has = map_names(obstacles=bool(scenario.obstacles.buildings), energy=scenario.energy.charge_per_minute > 0)
+    shipped = [Policy.builtin(name) for name in builtin_policies()]
+    fitting = [policy for policy in shipped if set(policy.card.maps) <= set(has)]
+    most = max(fitting, key=lambda policy: len(policy.card.maps)).card.maps
+    return [policy for policy in fitting if policy.card.maps == most]

@@ -13,7 +13,7 @@ from skyrelay.core.entities import FloatArray, IntArray
 from skyrelay.core.scenario import Scenario
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.policy import Policy, observe_team
-from skyrelay.simulation.world import Fleet
+from skyrelay.simulation.world import Fleet, charging_point, walls_of
 
 NOBODY = -1
 
@@ -24,7 +24,7 @@ class Measure:
 
     Attributes:
         vehicles: that are there and have a UAV.
-        covered: of them, those inside their own UAV's range.
+        covered: of them, those inside their own UAV's range, and in its sight where there are buildings.
         coverage: covered / vehicles; 1 where there is no vehicle.
         connectivity: 1 where a path of links joins the team; over the area, the mean over teams of two or more.
         connectivity_neighbor: 1 where each UAV has another in range; likewise.
@@ -58,6 +58,7 @@ class Flight:
         self._stride = scenario.fleet.speed * scenario.coordination.step_seconds
         self._seconds = scenario.coordination.step_seconds
         self._energy = scenario.energy
+        self._walls = walls_of(scenario)
         self._grid = grid
         self._demand = demand
         self._policies: Mapping[int, Policy] = {}
@@ -86,7 +87,7 @@ class Flight:
             self.actions[np.concatenate(teams)] = policy.decide(np.concatenate(observations))
             for zone, team in zip(zones, teams, strict=True):
                 self._move(zone, team)
-        self.fleet.drain(self._energy, self.actions != rules.STAY, self._seconds)
+        self.fleet.drain(self._energy, self.actions != rules.STAY, self._seconds, self._grid)
 
     def spent(self) -> IntArray:
         """Rows of the UAVs in the air whose battery is down to the reserve."""
@@ -98,10 +99,14 @@ class Flight:
         self.fleet.zone[rows] = 0
 
     def covered(self, x: FloatArray, y: FloatArray) -> npt.NDArray[np.bool_]:
-        """[V] whether each vehicle is inside its own UAV's range; a landed UAV covers nobody."""
+        """[V] whether each vehicle is inside its own UAV's range and in its sight; a landed UAV covers nobody."""
         has_uav = self._served(x) & (self.fleet.zone[self.owner] > 0)
         apart = np.hypot(x - self.fleet.x[self.owner], y - self.fleet.y[self.owner])
         inside: npt.NDArray[np.bool_] = has_uav & (np.nan_to_num(apart, nan=np.inf) <= self._range)
+        if self._walls is not None:
+            rows = np.flatnonzero(inside)
+            ground = np.column_stack([x[rows], y[rows]])
+            inside[rows] = rules.in_sight(ground, self._positions(self.owner[rows]), self._walls)
         return inside
 
     def measure(self, x: FloatArray, y: FloatArray, zone_of_owner: IntArray) -> list[Measure]:
@@ -143,9 +148,11 @@ class Flight:
     def _observe(
         self, policy: Policy, zone: int, team: IntArray, x: FloatArray, y: FloatArray
     ) -> npt.NDArray[np.float32]:
-        """[len(team), 6, n, n]: what the team's UAVs see."""
+        """[len(team), maps, n, n]: what the team's UAVs see."""
         row_in_team = np.full(len(self.fleet.ids) + 1, NOBODY)  # the last one stands for nobody
         row_in_team[team] = np.arange(len(team))
+        reserve = self._energy.reserve
+        charge = (self.fleet.battery[team] - reserve) / max(100.0 - reserve, 1.0)  # the game's 0 is the ground
         return observe_team(
             self._positions(team),
             np.column_stack([x, y]),
@@ -155,7 +162,21 @@ class Flight:
             self._range,
             n=policy.card.n,
             zoom=policy.card.zoom,
+            names=policy.card.maps,
+            walls=self._walls_near(zone),
+            charger=charging_point(self._energy, self._grid, zone) if self._energy.charge_per_minute > 0 else None,
+            charge=charge.clip(0.0, 1.0),
         )
+
+    def _walls_near(self, zone: int) -> FloatArray | None:
+        """The walls that can stand between two points of a zone: those whose box meets it."""
+        if self._walls is None:
+            return None
+        corner = np.array(self._grid.corner(zone))
+        ends = self._walls[:, :4].reshape(-1, 2, 2)
+        near = (ends.max(axis=1) >= corner) & (ends.min(axis=1) <= corner + self._grid.side)
+        walls: FloatArray = self._walls[near.all(axis=1)]
+        return walls
 
     def _move(self, zone: int, team: IntArray) -> None:
         corner = np.array(self._grid.corner(zone))

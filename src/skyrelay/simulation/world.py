@@ -54,11 +54,34 @@ class Fleet:
         """The same UAVs, independent of these."""
         return replace(self, x=self.x.copy(), y=self.y.copy(), zone=self.zone.copy(), battery=self.battery.copy())
 
-    def drain(self, config: Energy, moved: npt.NDArray[np.bool_], seconds: float) -> None:
-        """Take from every UAV in the air what a step cost it; a UAV that has left has landed."""
+    def drain(self, config: Energy, moved: npt.NDArray[np.bool_], seconds: float, grid: ZoneGrid) -> None:
+        """Take from every UAV in the air what a step cost it, or charge it; a UAV that has left has landed."""
         per_minute = np.where(moved, config.move_per_minute, config.hover_per_minute)
+        if config.charge_per_minute > 0:
+            at_point = np.zeros(len(self.ids), dtype=bool)
+            for zone in np.unique(self.zone[self.zone > 0]).tolist():
+                x, y = charging_point(config, grid, zone)
+                near = np.hypot(self.x - x, self.y - y) <= config.charging_radius
+                at_point |= (self.zone == zone) & near
+            per_minute = np.where(at_point & ~moved, -config.charge_per_minute, per_minute)
         spent = np.where(self.zone > 0, per_minute * seconds / 60.0, 0.0)
-        self.battery = np.maximum(self.battery - spent, 0.0)
+        self.battery = (self.battery - spent).clip(0.0, 100.0)
+
+
+def charging_point(config: Energy, grid: ZoneGrid, zone: int) -> tuple[float, float]:
+    """Where a zone's charging point is [m]."""
+    x, y = grid.corner(zone)
+    return x + config.charging_point[0] * grid.side, y + config.charging_point[1] * grid.side
+
+
+def walls_of(scenario: Scenario) -> FloatArray | None:
+    """[W, 5] of the buildings [m], heights over the UAVs' altitude (`skyrelay.core.flight.in_sight`); None for none."""
+    walls = [
+        (*start, *end, building.height / scenario.fleet.altitude)
+        for building in scenario.obstacles.buildings
+        for start, end in zip(building.polygon, building.polygon[1:] + building.polygon[:1], strict=True)
+    ]
+    return np.array(walls, dtype=np.float64) if walls else None
 
 
 def draw_members(scenario: Scenario, count: int) -> Members:

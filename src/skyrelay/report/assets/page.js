@@ -184,7 +184,7 @@ function fit() {
 const sx = (x) => map.view.x + x * map.view.scale;
 const sy = (y) => map.view.y - y * map.view.scale;
 
-/* The tracks of all vehicles over the whole run: the streets appear where they drive. */
+/* Buildings, the higher the darker; over them the tracks of all vehicles: the streets appear where they drive. */
 function streets(ratio) {
   const { view, streets: canvas } = map;
   const key = [view.scale, view.x, view.y, view.width, view.height, ratio, theme.street].join();
@@ -194,6 +194,14 @@ function streets(ratio) {
   canvas.height = view.height * ratio;
   const pen = canvas.getContext("2d");
   pen.scale(ratio, ratio);
+  pen.fillStyle = theme.street;
+  const highest = Math.max(...run.buildings.map((building) => building.height));
+  for (const { corners, height } of run.buildings) {
+    pen.globalAlpha = 0.15 + 0.35 * height / highest;
+    pen.beginPath();
+    for (let i = 0; i < corners.length; i += 2) pen.lineTo(sx(corners[i]), sy(corners[i + 1]));
+    pen.fill();
+  }
   pen.strokeStyle = theme.street;
   pen.globalAlpha = Math.max(0.03, Math.min(0.12, 20 / run.vehicles.length));
   pen.lineWidth = Math.max(1.4, Math.min(9, 6 * view.scale));
@@ -256,6 +264,15 @@ function drawZones(pen) {
     pen.lineTo(sharp(right), sharp(bottom - row * side));
   }
   pen.stroke();
+  for (const [x, y] of run.charging ? run.charging.points : []) {
+    const radius = run.charging.radius * map.view.scale;
+    pen.setLineDash([3, 3]);
+    pen.beginPath();
+    pen.arc(sx(x), sy(y), radius, 0, 7);
+    pen.stroke();
+    pen.setLineDash([]);
+    if (side >= 60) label(pen, "⚡", sx(x) - 5, sy(y) - 7, theme.muted);
+  }
   if (side < 60) return;
   pen.textBaseline = "top";
   for (let zone = 1; zone <= grid.columns * grid.rows; zone++) {
