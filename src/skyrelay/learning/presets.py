@@ -127,5 +127,5 @@ def training(
         base = replace(base, minibatches=8 * uavs[1])
     maps = len(shape.maps)
     base = replace(base, actor=replace(base.actor, maps=maps), critic=replace(base.critic, maps=maps))
-    default = {"fast": 400_000, "generalist": 1_000_000, "paper": 1_000_000}[preset]
+    default = {"fast": 400_000, "generalist": 1_500_000, "paper": 1_000_000}[preset]
     return Training(preset, base, shape, domain, steps if steps is not None else default, seed)
