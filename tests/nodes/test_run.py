@@ -1,13 +1,18 @@
-"""`skyrelay run --chain`: a whole scenario on four validators, and what any of them says of it."""
+"""`skyrelay chain devnet` and `skyrelay run --chain`: a scenario on four validators, as any of them tells it."""
 
 import json
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from skyrelay.chain.accounts import PASSWORD, PASSWORD_FILE
-from skyrelay.chain.devnet import Devnet
 from skyrelay.cli.main import app
 
 pytestmark = [pytest.mark.nodes, pytest.mark.xdist_group("run")]
@@ -28,19 +33,47 @@ def play(folder: Path, *more: str) -> dict:
     return skyrelay("run", "bologna", "--out", str(folder), *overrides, *more)[1]
 
 
+@contextmanager
+def devnet(folder: Path) -> Iterator[dict]:
+    """The command in a process of its own: what it tells when blocks are made. Ctrl-C ends it, and the validators."""
+    ports = ["--rpc-port", str(free_ports(12))]
+    command = [Path(sys.executable).parent / "skyrelay", "chain", "devnet", "--dir", folder, "--json", *ports]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield json.loads(process.stdout.readline())
+        finally:
+            process.send_signal(signal.SIGINT)
+    assert process.returncode == 0
+
+
+def free_ports(count: int) -> int:
+    """The first of so many ports in a row that nobody listens on."""
+    for first in range(21_000, 31_000, count):
+        with ExitStack() as stack:
+            try:
+                for port in range(first, first + count):
+                    stack.enter_context(socket.create_server(("127.0.0.1", port)))
+            except OSError:
+                continue
+            return first
+    raise AssertionError("no ports are free")
+
+
 def test_a_run_on_four_validators_is_that_of_the_embedded_chain_and_any_of_them_can_be_audited(tmp_path, monkeypatch):
-    with Devnet.create(tmp_path / "net") as network:
-        keystore, password = network.operator
-        monkeypatch.setenv(PASSWORD_FILE, str(password))
+    with devnet(tmp_path / "net") as network:
+        monkeypatch.setenv(PASSWORD_FILE, network["operator_password_file"])
         monkeypatch.delenv(PASSWORD, raising=False)
-        told = play(tmp_path / "run", "--chain", network.endpoints[0], "--set", f"chain.keystore={keystore}")
-        status, audit = skyrelay("audit", "--chain", network.endpoints[2], "--contract", told["contract"])
+        keystore = f"chain.keystore={network['operator_keystore']}"
+        told = play(tmp_path / "run", "--chain", network["endpoints"][0], "--set", keystore)
+        status, audit = skyrelay("audit", "--chain", network["endpoints"][2], "--contract", told["contract"])
         sealed = audit["given"]["blocks sealed by"]
     assert status == 0
     assert audit["agrees"], audit["differences"]
     assert audit["checked"]["vehicles selected"] >= told["served"] > 0
     assert audit["checked"]["model assignments"] > 0
-    assert all(node.address.lower() in sealed for node in network.validators)
+    validators = json.loads((tmp_path / "net" / "devnet.json").read_text())["validators"]
+    assert len(validators) == 4
+    assert all(node["address"].lower() in sealed for node in validators)
     assert {path.name for path in (tmp_path / "run").iterdir()} >= {"report.html", "events.parquet", "summary.json"}
 
     embedded = play(tmp_path / "embedded")
