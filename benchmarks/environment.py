@@ -1,27 +1,41 @@
 """How fast the game is played: agent-steps a second, observations of every agent at every step included.
 
-Prints a table and JSON. With ``--peers`` it also measures VMAS and JaxMARL in this process where they are installed
-(``pip install vmas jaxmarl`` in an environment of their own), so that the ratio comes from one run on one machine.
+Every core is a device of JAX's, and each plays its share of the games (`--devices 1` for one). With ``--peers`` VMAS
+and JaxMARL are measured in the same run, in the environments ``.venv/peers`` and ``.venv/jaxmarl`` (`make peers`), so
+that the ratios come from one machine at one time; their observations are a few numbers for each agent, ours six maps.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-import jax
+cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+# Before JAX starts; it concerns CPUs only.
+os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={cores}"
 
-from skyrelay.coordination import game
-from skyrelay.coordination.settings import Shape, physical, varied
+import jax  # noqa: E402
+
+from skyrelay.coordination import game  # noqa: E402
+from skyrelay.coordination.settings import Domain, Shape, physical, varied  # noqa: E402
 
 STEPS = 50
+ROOT = Path(__file__).parents[1]
+PEERS = (
+    ("peers", "vmas", "navigation"),
+    ("peers", "vmas", "simple_spread"),
+    ("jaxmarl", "jaxmarl", "MPE_simple_spread_v3"),
+)
 
 
-def best(run: Callable[[], Any], repeats: int) -> float:
+def fastest(run: Callable[[], Any], repeats: int) -> float:
     """Seconds of the fastest of several runs, after one that compiles."""
     jax.block_until_ready(run())
     seconds = []
@@ -32,73 +46,50 @@ def best(run: Callable[[], Any], repeats: int) -> float:
     return min(seconds)
 
 
-def agent_steps(shape: Shape, domain: Any, games: int, repeats: int) -> tuple[float, int]:
+def agent_steps(shape: Shape, domain: Domain, games: int, devices: int, repeats: int) -> tuple[float, int]:
     """Agent-steps a second under random actions, and bytes of state and observations per game."""
+    own = games // devices
 
     def new(key: jax.Array) -> game.State:
         return game.reset(key, shape, domain.draw(key))
 
-    state = jax.jit(jax.vmap(new))(jax.random.split(jax.random.key(0), games))
-
-    @jax.jit
     def play(state: game.State, key: jax.Array) -> Any:
-        def body(carry: tuple[game.State, jax.Array], key: jax.Array) -> Any:
+        def step(carry: tuple[game.State, jax.Array], key: jax.Array) -> Any:
             state, _ = carry
-            actions = jax.random.randint(key, (games, shape.uavs), 0, 9)
+            actions = jax.random.randint(key, (own, shape.uavs), 0, 9)
             state, transition = jax.vmap(game.step)(state, actions)
             return (state, transition.observation), transition.score.reward
 
         first = jax.vmap(game.observe)(state)
-        return jax.lax.scan(body, (state, first), jax.random.split(key, STEPS))
+        return jax.lax.scan(step, (state, first), jax.random.split(key, STEPS))
 
-    seconds = best(lambda: play(state, jax.random.key(1)), repeats)
-    size = sum(leaf.nbytes for leaf in jax.tree.leaves((jax.random.key_data(state.key), strip(state))))
-    maps = jax.eval_shape(jax.vmap(game.observe), state)
-    return games * shape.uavs * STEPS / seconds, (size + maps.size * maps.dtype.itemsize) // games
-
-
-def strip(state: game.State) -> Any:
-    """The state's arrays without its random key."""
-    return (state.parameters, state.uavs, state.active, state.traffic, state.owner, state.present, state.time)
-
-
-def vmas_navigation(games: int, agents: int, repeats: int) -> float:
-    """VMAS's navigation, vector observations."""
-    import torch
-    import vmas
-
-    env = vmas.make_env("navigation", num_envs=games, device="cpu", n_agents=agents)
-    env.reset()
-    actions = [torch.rand(games, 2) * 2 - 1 for _ in range(agents)]
-
-    def run() -> None:
-        for _ in range(STEPS):
-            env.step(actions)
-
-    return games * agents * STEPS / best(run, repeats)
+    on_each = jax.pmap(play, devices=jax.devices()[:devices])
+    state = jax.pmap(jax.vmap(new), devices=jax.devices()[:devices])(
+        jax.random.split(jax.random.key(0), (devices, own))
+    )
+    keys = jax.random.split(jax.random.key(1), devices)
+    seconds = fastest(lambda: on_each(state, keys), repeats)
+    maps = jax.eval_shape(jax.vmap(jax.vmap(game.observe)), state)
+    size = sum(leaf.nbytes for leaf in jax.tree.leaves((jax.random.key_data(state.key), without_key(state))))
+    return own * devices * shape.uavs * STEPS / seconds, (size + maps.size * maps.dtype.itemsize) // games
 
 
-def jaxmarl_spread(games: int, agents: int, repeats: int) -> float:
-    """JaxMARL's simple_spread, vector observations."""
-    import jaxmarl
+def without_key(state: game.State) -> list[jax.Array]:
+    """The state's arrays but its random keys, which have no size of their own."""
+    return [leaf for leaf in jax.tree.leaves(state) if not jax.numpy.issubdtype(leaf.dtype, jax.dtypes.prng_key)]
 
-    env = jaxmarl.make("MPE_simple_spread_v3", num_agents=agents)
-    _, state = jax.vmap(env.reset)(jax.random.split(jax.random.key(0), games))
 
-    @jax.jit
-    def play(state: Any, key: jax.Array) -> Any:
-        def body(state: Any, key: jax.Array) -> Any:
-            k_action, k_step = jax.random.split(key)
-            actions = {
-                agent: jax.random.randint(jax.random.fold_in(k_action, i), (games,), 0, 5)
-                for i, agent in enumerate(env.agents)
-            }
-            maps, state, reward, _, _ = jax.vmap(env.step)(jax.random.split(k_step, games), state, actions)
-            return state, (maps, reward)
-
-        return jax.lax.scan(body, state, jax.random.split(key, STEPS))
-
-    return games * agents * STEPS / best(lambda: play(state, jax.random.key(1)), repeats)
+def peer(environment: str, library: str, task: str, games: int, repeats: int) -> float | None:
+    """Agent-steps a second of another library's task, or None where its environment was not made."""
+    python = ROOT / ".venv" / environment / "bin" / "python"
+    if not python.exists():
+        print(f"{library} {task}: not measured, there is no environment .venv/{environment} (make peers makes it)")
+        return None
+    line = [python, ROOT / "benchmarks" / "peers" / "step_environments.py", library, task]
+    line += ["--games", games, "--agents", 3, "--steps", STEPS, "--repeats", repeats]
+    flags = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
+    ended = subprocess.run(list(map(str, line)), stdout=subprocess.PIPE, text=True, check=True, env=flags)
+    return float(ended.stdout.split()[-1])
 
 
 def main() -> None:
@@ -106,7 +97,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--games", type=int, nargs="+", default=[64, 256, 1024])
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--peers", action="store_true")
+    parser.add_argument("--devices", type=int, default=len(jax.devices()))
+    parser.add_argument("--peers", action="store_true", help="measure VMAS and JaxMARL too")
     parser.add_argument("--quick", action="store_true", help="N = 3, V = 20 only")
     options = parser.parse_args()
     settings = [(11, 3, 20), (19, 3, 20)]
@@ -121,29 +113,30 @@ def main() -> None:
 
     for games in options.games:
         for n, uavs, vehicles in settings:
-            speed, size = agent_steps(
-                Shape(uavs, vehicles, n=n), physical((uavs, uavs), (vehicles, vehicles)), games, options.repeats
-            )
+            shape, domain = Shape(uavs, vehicles, n=n), physical((uavs, uavs), (vehicles, vehicles))
+            speed, size = agent_steps(shape, domain, games, options.devices, options.repeats)
             numbers = {"n": n, "uavs": uavs, "vehicles": vehicles, "games": games}
             report(what="skyrelay", **numbers, agent_steps=speed, bytes_per_game=size)
-        shape = Shape(8, 40, mobility="mixed")
-        speed, size = agent_steps(shape, varied((2, 8), (1, 40)), games, options.repeats)
-        report(what="skyrelay mixed", n=11, uavs=8, vehicles=40, games=games, agent_steps=speed, bytes_per_game=size)
-        if options.peers:
-            for name, module, peer in (
-                ("vmas navigation", "vmas", vmas_navigation),
-                ("jaxmarl simple_spread", "jaxmarl", jaxmarl_spread),
-            ):
-                if importlib.util.find_spec(module):
-                    report(what=name, uavs=3, games=games, agent_steps=peer(games, 3, options.repeats))
-                else:
-                    print(f"{name}: not installed")
-    ours = max(row["agent_steps"] for row in rows if row["what"] == "skyrelay" and row["n"] == 11)
-    for name in ("vmas navigation", "jaxmarl simple_spread"):
-        speeds = [row["agent_steps"] for row in rows if row["what"] == name]
-        if speeds:
-            print(f"skyrelay at n = 11 over {name}: {ours / max(speeds):.2f}")
-    print(json.dumps({"device": jax.devices()[0].device_kind, "rows": rows}))
+        if not options.quick:
+            shape, domain = Shape(8, 40, mobility="mixed"), varied((2, 8), (1, 40))
+            speed, size = agent_steps(shape, domain, games, options.devices, options.repeats)
+            numbers = {"n": 11, "uavs": 8, "vehicles": 40, "games": games}
+            report(what="skyrelay mixed", **numbers, agent_steps=speed, bytes_per_game=size)
+        for environment, library, task in PEERS if options.peers else ():
+            measured = peer(environment, library, task, games, options.repeats)
+            if measured:
+                report(what=f"{library} {task}", uavs=3, games=games, agent_steps=measured)
+
+    def best(what: str, n: int | None = None) -> float:
+        speeds = (row["agent_steps"] for row in rows if row["what"] == what and row.get("n") == n and row["uavs"] == 3)
+        return max(speeds, default=0.0)
+
+    for name in (f"{library} {task}" for _, library, task in PEERS):
+        if best(name):
+            ratios = ", ".join(f"{best('skyrelay', n) / best(name):.2f} at n = {n}" for n in (11, 19))
+            print(f"skyrelay over {name}, the best of each: {ratios}")
+    machine = {"device": jax.devices()[0].device_kind, "devices": options.devices, "python": sys.version.split()[0]}
+    print(json.dumps({**machine, "rows": rows}))
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ for a UAV in flight; the tests hold both against a plain-loop reference that doe
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt8
 
@@ -108,17 +109,20 @@ def _shares(cell: Int[Array, "points 2"], n: int, zoom: int) -> tuple[Array, Arr
 def _coverage(uavs: Array, active: Array, reach: Array, n: int, zoom: int) -> Array:
     """[n, n]: over each block's zoom x zoom cells, the number of UAVs with the cell's centre in range, summed.
 
-    One pass over [n, n] for each UAV and each place in a block; the compiler fuses them, which is several times faster
-    than reducing an [N, h, h] comparison. The loops are unrolled while tracing: their lengths are fixed.
+    One pass over [n, n] for each place in a block, fused; the UAVs are a loop of the program, because the sum would
+    otherwise be fused into the maps of every UAV and computed once for each.
     """
     centre = ((jnp.arange(n * zoom) + 0.5) / (n * zoom)).reshape(n, zoom)
     limit = jnp.where(active, reach * reach, -1.0)
     x2 = (uavs[:, 0, None, None] - centre) ** 2
     y2 = (uavs[:, 1, None, None] - centre) ** 2
-    total = jnp.zeros((n, n), jnp.float32)
-    for uav in range(uavs.shape[0]):
+
+    def add(uav: Array, total: Array) -> Array:
         for below in range(zoom):
             for left in range(zoom):
                 near = y2[uav, :, below, None] + x2[uav, None, :, left] <= limit[uav]
                 total = total + near.astype(jnp.float32)
-    return total
+        return total
+
+    covered: Array = jax.lax.fori_loop(0, uavs.shape[0], add, jnp.zeros((n, n), jnp.float32))
+    return covered
