@@ -185,3 +185,11 @@ def test_a_run_with_nobody_to_serve_is_a_run(tmp_path, play, run):
 def test_one_zone_one_uav(tmp_path, play):
     folder = play(tmp_path / "run", "fleet.uavs=1", "zones.columns=1", "zones.rows=1", "fleet.battery=[90, 100]")
     assert summary(folder)["connectivity"] == 1.0
+
+
+def test_the_recorded_action_is_the_one_that_led_to_the_step(small_run):
+    uavs = table(small_run, "uavs").sort_values(["uav", "step"])
+    moved = np.hypot(uavs.groupby("uav").x.diff(), uavs.groupby("uav").y.diff()) > 0.01
+    assert moved.any()
+    assert (uavs.action[moved] > 0).all()
+    assert uavs.groupby("step").action.apply(tuple).nunique() > 1

@@ -77,7 +77,8 @@ class Flight:
 
     def step(self, x: FloatArray, y: FloatArray) -> None:
         """Every selected UAV decides on what it sees (vehicles at ``x``, ``y`` [V], NaN if absent) and moves."""
-        self.actions[:] = rules.STAY
+        # A new array: the record of the last step holds on to the old one.
+        self.actions = np.full(len(self.fleet.ids), rules.STAY, dtype=np.int8)
         zones_of: dict[Policy, list[int]] = {}
         for zone, policy in self._policies.items():
             zones_of.setdefault(policy, []).append(zone)
