@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import game_reference as reference
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from skyrelay.coordination.observation import observe
+from skyrelay.coordination import observation
 from skyrelay.core.maps import LOCAL_VEHICLES, VEHICLE_SCALE, normalise
 from skyrelay.policy import observation as flying
+
+observe = jax.jit(observation.observe, static_argnames=("n", "zoom"))
 
 CASES = [
     (seed, n, zoom, uavs, vehicles)
@@ -37,7 +40,7 @@ def test_maps_equal_the_plain_loops(seed, n, zoom, uavs, vehicles):
         active[-1] = False
         owner[owner == uavs - 1] = 0
     expected = reference.observe(uav_xy, active, vehicle_xy, owner, reach, n, zoom)
-    result = np.asarray(observe(*map(jnp.asarray, (uav_xy, active, vehicle_xy, owner, reach)), n, zoom))
+    result = np.asarray(observe(*map(jnp.asarray, (uav_xy, active, vehicle_xy, owner, reach)), n=n, zoom=zoom))
     np.testing.assert_array_equal(result, expected)
     np.testing.assert_allclose(
         np.asarray(normalise(jnp.asarray(result), zoom)), reference.normalise(expected, zoom), rtol=1e-6

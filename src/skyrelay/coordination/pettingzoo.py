@@ -78,8 +78,7 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
         }
         top = np.array([tops[name] for name in shape.maps], np.float32)
         high = np.broadcast_to(top[:, None, None], (len(top), shape.n, shape.n))
-        signed = np.array([name == "local_sight" for name in shape.maps])[:, None, None]
-        self._observation_space = gymnasium.spaces.Box(np.where(signed, -high, 0.0), high.copy(), dtype=np.float32)
+        self._observation_space = gymnasium.spaces.Box(np.zeros_like(high), high.copy(), dtype=np.float32)
         self.observation_spaces = {agent: self.observation_space(agent) for agent in self.possible_agents}
         self.action_spaces = {agent: self.action_space(agent) for agent in self.possible_agents}
         self._key: jax.Array | None = None

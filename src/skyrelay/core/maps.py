@@ -32,7 +32,7 @@ TEAM_SCALE = 2.0
 COVERAGE_SCALE = 0.1
 VEHICLE_SCALE = 8.0
 BUILDING_SCALE = 0.5
-SIGHT_SCALE = 2.0
+SIGHT_SCALE = 1.0
 CHARGE_SCALE = 0.5
 """What a UAV's own cell, a team mate, a UAV that covers a whole block, all own vehicles together, a built-up cell, all
 own vehicles in sight and a full charge come to.
@@ -53,8 +53,7 @@ def normalise(levels: Any, zoom: int, names: Sequence[str] = PAPER_MAPS) -> Any:
     """Levels as the network's input.
 
     Locations, team mates and UAVs per covered cell are scaled; vehicles become shares of the UAV's own vehicles,
-    scaled: what to do depends on where they are, not on how many they are. So do vehicles in sight: at the UAV's own
-    cell the share that it covers now, elsewhere the change of it that a flight there would bring.
+    scaled: what to do depends on where they are, not on how many they are. So do vehicles in sight.
 
     Args:
         levels: [..., maps, n, n], the six in units of 1 / (2 zoom)^2 (see skyrelay.coordination.observation).
@@ -83,11 +82,6 @@ def normalise(levels: Any, zoom: int, names: Sequence[str] = PAPER_MAPS) -> Any:
         "own_charge": CHARGE_SCALE / FULL_CHARGE,
     }
     factors = xp.stack([scales[name] * one for name in names], axis=-1)
-    if "local_sight" in names:
-        here = maps[..., LOCAL_LOCATION, :, :] / whole
-        now = xp.sum(here * maps[..., names.index("local_sight"), :, :], axis=(-2, -1))
-        sight = xp.asarray([float(name == "local_sight") for name in names], dtype=xp.float32)
-        maps = maps - ((1.0 - here) * now[..., None, None])[..., None, :, :] * sight[:, None, None]
     return maps * factors[..., None, None]
 
 
