@@ -14,6 +14,8 @@ from skyrelay.core.maps import normalise
 from skyrelay.learning import networks, ppo
 from skyrelay.learning.networks import Architecture
 
+look = jax.jit(observe, static_argnums=(5, 6))
+
 
 @pytest.fixture(scope="module")
 def batch():
@@ -76,7 +78,7 @@ def test_turned_experience_is_what_a_turned_game_shows(side):
     owner, active, n = jnp.asarray(random.integers(0, 2, 8)), jnp.ones(2, bool), 7
 
     def see(uavs, vehicles):
-        return observe(jnp.asarray(uavs), active, jnp.asarray(vehicles), owner, jnp.float32(0.37), n, 2)
+        return look(jnp.asarray(uavs), active, jnp.asarray(vehicles), owner, jnp.float32(0.37), n, 2)
 
     zeros = jnp.zeros(2)
     seen = ppo.Experience(see(uavs.astype(np.float32), vehicles.astype(np.float32)), jnp.array([3, 0]), *[zeros] * 4)
@@ -89,7 +91,7 @@ def test_turned_experience_is_what_a_turned_game_shows(side):
 
 def test_collecting_goes_through_time_limits(tiny):
     config, domain = tiny.hyperparameters, tiny.domain
-    learner = ppo.begin(jax.random.key(0), config, tiny.shape, domain, tiny.updates)
+    learner = eqx.filter_jit(ppo.begin)(jax.random.key(0), config, tiny.shape, domain, tiny.updates)
     clocks = learner.games.time
     collect = eqx.filter_jit(lambda learner: ppo.collect(learner, config, domain))
     after, experience, score = collect(learner)
