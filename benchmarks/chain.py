@@ -22,6 +22,7 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +77,10 @@ class Round:
         )
         self._stage(
             "update",
-            lambda: [client.update_vehicle_info(v, record) for v, record in zip(self.vehicles, records, strict=True)],
+            lambda: [
+                client.update_vehicle_info(v, replace(record, x=record.x + 1.0))
+                for v, record in zip(self.vehicles, records, strict=True)
+            ],
         )
         uavs = {zone: client.zone_uavs(zone) for zone in ZONES}
         rounds = {zone: info.round for zone in ZONES if (info := client.zone_info(zone)) is not None}
