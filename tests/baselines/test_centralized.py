@@ -21,6 +21,21 @@ CONFIG = Hyperparameters(TINY, TINY, games=8, horizon=10, epochs=2, minibatches=
 SHAPE, DOMAIN = Shape(2, 4, n=5, steps=20), Domain((2, 2), (4, 4))
 
 
+@eqx.filter_jit
+def begun(key, config):
+    return centralized.begin(key, config, SHAPE, DOMAIN, 3)
+
+
+@eqx.filter_jit
+def collected(learner, config):
+    return centralized.collect(learner, config, DOMAIN)[1]
+
+
+@eqx.filter_jit
+def loss(learner, rows, config):
+    return ppo.loss((learner.actor, learner.critic), rows, config, SHAPE.zoom)
+
+
 def test_separate_gives_the_digits_of_a_combination():
     joint = jnp.arange(9**3)
     actions = np.asarray(centralized.separate(joint, 3))
@@ -60,26 +75,26 @@ def test_the_joint_network_sees_every_uav(architecture, key):
 
 def test_experience_is_scored_by_the_network_that_made_it(key):
     """Before anything is optimised the ratio of probabilities is 1 and nothing is clipped."""
-    learner = centralized.begin(key, CONFIG, SHAPE, DOMAIN, 3)
+    learner = begun(key, CONFIG)
     learner = eqx.tree_at(lambda state: state.actor.layers[-1].weight, learner, learner.actor.layers[-1].weight * 100.0)
-    _, experience, _ = centralized.collect(learner, CONFIG, DOMAIN)
+    experience = collected(learner, CONFIG)
     rows = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), experience)
     assert rows.maps.shape == (80, 2, 6, 5, 5)
     assert int(rows.action.max()) > 9
-    _, parts = ppo.loss((learner.actor, learner.critic), rows, CONFIG, SHAPE.zoom)
+    _, parts = loss(learner, rows, CONFIG)
     assert float(parts["kl"]) == pytest.approx(0.0, abs=1e-5)
     assert float(parts["clipped"]) == 0.0
 
 
 def test_an_update_makes_better_actions_likelier(key):
     config = dataclasses.replace(CONFIG, entropy=0.0, epochs=8)
-    learner = centralized.begin(key, config, SHAPE, DOMAIN, 3)
-    _, experience, _ = centralized.collect(learner, config, DOMAIN)
+    learner = begun(key, config)
+    experience = collected(learner, config)
     rows = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), experience)
-    before, _ = ppo.loss((learner.actor, learner.critic), rows, config, SHAPE.zoom)
+    before, _ = loss(learner, rows, config)
     later, metrics = jax.jit(lambda: eqx.filter(centralized.update(learner, config, DOMAIN, 3), eqx.is_array))()
     learned = eqx.combine(later, learner)
-    after, _ = ppo.loss((learned.actor, learned.critic), rows, config, SHAPE.zoom)
+    after, _ = loss(learned, rows, config)
     assert float(after) < float(before)
     assert all(np.isfinite(value) for value in metrics.values())
     assert int(later.updates) == 1

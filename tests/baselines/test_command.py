@@ -8,8 +8,11 @@ from typer.testing import CliRunner
 from skyrelay.baselines.catalogue import BASELINES, evaluate_baseline
 from skyrelay.baselines.cost import centralized_cost, decentralized_cost
 from skyrelay.cli import baseline
+from skyrelay.coordination.settings import Shape
 from skyrelay.core.errors import UsageError
+from skyrelay.learning.evaluation import starts, unseen_key
 from skyrelay.learning.networks import PAPER
+from skyrelay.learning.presets import games_of
 
 PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "baselines.md").read_text()
 
@@ -25,7 +28,8 @@ def test_the_command_prints_the_evaluation_as_json(app):
     options = ["static", "--uavs", "2", "--vehicles", "4", "--episodes", "6", "--seed", "3", "--json"]
     result = json.loads(CliRunner().invoke(app, options, catch_exceptions=False).stdout)
     assert (result["baseline"], result["episodes"], result["seed"]) == ("static", 6, 3)
-    expected = evaluate_baseline("static", (2, 2), (4, 4), 6, 3)
+    domain, shape = games_of("paper", (2, 2), (4, 4), Shape.n)
+    expected = evaluate_baseline("static", 3, starts(unseen_key(3), 6, shape, domain))
     assert {name: result[name] for name in expected} == expected
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from skyrelay.baselines.placement import Placement, maximise
 from skyrelay.baselines.player import play
 from skyrelay.coordination import game
-from skyrelay.learning.ppo import new_games
+from skyrelay.learning.evaluation import starts
 
 
 def test_the_swarm_finds_the_optimum_of_a_bowl(key):
@@ -38,9 +38,9 @@ def test_the_first_point_stays_where_nothing_is_better(key):
 
 
 def test_a_placement_is_worth_at_least_its_start_and_usually_all(key, shape, still):
-    games = new_games(key, 32, shape, still)
-    placed, _ = jax.vmap(Placement(placed=True).begin)(jax.random.split(key, 32), games)
-    before, after = (jax.vmap(game.measure)(state) for state in (games, placed))
+    games = starts(key, 32, shape, still)
+    placed, _ = jax.jit(jax.vmap(Placement(placed=True).begin))(jax.random.split(key, 32), games)
+    before, after = map(jax.jit(jax.vmap(game.measure)), (games, placed))
     assert (np.asarray(after.reward) >= np.asarray(before.reward)).all()
     assert (np.asarray(after.reward) == 0.0).mean() > 0.9
 
@@ -52,7 +52,7 @@ def test_placed_holds_its_placement_while_vehicles_stand(key, shape, still):
 
 def test_flown_starts_where_it_was_and_arrives(key, shape, still):
     flown, placed = (play(Placement(placed=placed), key, 16, shape, still) for placed in (False, True))
-    static_start = jax.vmap(game.measure)(new_games(key, 16, shape, still))
+    static_start = jax.jit(jax.vmap(game.measure))(starts(key, 16, shape, still))
     np.testing.assert_array_equal(flown.start.reward, static_start.reward)
     # Half a step beside its target a UAV may lose a vehicle at the edge of its range, seldom more.
     gap = np.asarray(placed.steps.reward[-1] - flown.steps.reward[-1])

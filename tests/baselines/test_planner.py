@@ -8,7 +8,7 @@ from skyrelay.baselines.centroid import Centroid
 from skyrelay.baselines.planner import Planner, _drive
 from skyrelay.baselines.player import play
 from skyrelay.coordination import game
-from skyrelay.learning.ppo import new_games
+from skyrelay.learning.evaluation import starts
 
 
 @pytest.fixture(scope="module")
@@ -29,10 +29,11 @@ def test_it_is_ahead_of_the_linked_centroid_rule(planner, key, shape, moving):
 
 
 def test_foresight_sees_the_vehicles_that_will_come(key, shape, moving):
-    state = jax.tree.map(lambda x: x[0], new_games(key, 1, shape, moving))
-    foreseen = np.asarray(_drive(state, 5))
-    other = np.asarray(_drive(dataclasses.replace(state, key=jax.random.key(99)), 5))
+    state = jax.tree.map(lambda x: x[0], starts(key, 1, shape, moving))
+    foresee, turn = jax.jit(_drive, static_argnums=1), jax.jit(game.step)
+    foreseen = np.asarray(foresee(state, 5))
+    other = np.asarray(foresee(dataclasses.replace(state, key=jax.random.key(99)), 5))
     assert not np.array_equal(foreseen, other)
     for step in range(5):
-        state, _ = game.step(state, jax.numpy.array([1, 2, 3]))
+        state, _ = turn(state, jax.numpy.array([1, 2, 3]))
         np.testing.assert_array_equal(foreseen[step], state.traffic.position)

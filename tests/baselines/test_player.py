@@ -7,9 +7,8 @@ from skyrelay.baselines.player import Learned, Random, Static, choices, play, to
 from skyrelay.coordination import game
 from skyrelay.core.errors import UsageError
 from skyrelay.core.flight import unit_moves
-from skyrelay.learning.evaluation import greedy_episodes
+from skyrelay.learning.evaluation import greedy_episodes, starts, unseen_key
 from skyrelay.learning.networks import Architecture, actor
-from skyrelay.learning.ppo import new_games
 
 
 def test_a_network_plays_the_episodes_of_the_evaluation(key, shape, moving):
@@ -45,17 +44,17 @@ def test_first_counts_from_the_start_and_is_nan_where_nothing_comes(key, shape, 
 
 
 def test_towards_takes_the_nearest_of_the_nine_places(key, shape, moving):
-    state = jax.tree.map(lambda x: x[0], new_games(key, 1, shape, moving))
-    moved = np.asarray(choices(state))
+    state = jax.tree.map(lambda x: x[0], starts(key, 1, shape, moving))
+    moved = np.asarray(jax.jit(choices)(state))
     step = float(state.parameters.uav_step)
     np.testing.assert_allclose(
         moved, np.clip(np.asarray(state.uavs) + step * np.asarray(unit_moves())[:, None], 0, 1), atol=1e-6
     )
     target = np.random.default_rng(0).random((3, 2))
-    for uav, action in enumerate(np.asarray(towards(state, target))):
+    for uav, action in enumerate(np.asarray(jax.jit(towards)(state, target))):
         distances = np.linalg.norm(moved[:, uav] - target[uav], axis=-1)
         assert distances[action] == distances.min()
-    assert (np.asarray(towards(state, state.uavs)) == 0).all()
+    assert (np.asarray(jax.jit(towards)(state, state.uavs)) == 0).all()
 
 
 def test_an_unknown_baseline_is_named_with_the_closest():
@@ -63,8 +62,9 @@ def test_an_unknown_baseline_is_named_with_the_closest():
         baseline("centroid-link")
 
 
-def test_evaluate_baseline_gives_intervals_and_the_same_for_the_same_seed():
-    first, second = (evaluate_baseline("static", (2, 2), (4, 4), 6, seed=3) for _ in range(2))
+def test_evaluate_baseline_gives_intervals_and_the_same_for_the_same_seed(shape, moving):
+    games = starts(unseen_key(3), 6, shape, moving)
+    first, second = (evaluate_baseline("static", 3, games) for _ in range(2))
     assert first == second
     assert set(first) == {"return", "coverage", "connectivity", "connectivity_neighbor"}
     assert first["return"]["low"] < first["return"]["mean"] < first["return"]["high"]
@@ -82,7 +82,7 @@ def test_a_game_with_empty_rows_is_played(key, shape, moving):
     import dataclasses
 
     domain = dataclasses.replace(moving, uavs=(1, 3), vehicles=(1, 6))
-    state = jax.tree.map(lambda x: x[0], new_games(key, 1, shape, domain))
+    state = jax.tree.map(lambda x: x[0], starts(key, 1, shape, domain))
     assert isinstance(state, game.State)
     played = play(BASELINES["centroid-linked"], key, 6, shape, domain)
     assert np.isfinite(np.asarray(played.measures)).all()
