@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import os
 
+import jax
 import pytest
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Set JAX's options by its environment variables, for this process and those that tests start.
+    """Set JAX's options for this process, and by its environment for those that tests start.
 
     Without most of XLA's optimisations compiling takes half the time, and results agree to rounding. The persistent
     cache serves programs that several tests, or both workers, or the next run compile.
     """
-    os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
-    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(config.cache.mkdir("jax")) if config.cache else "")
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "0")
+    options: dict[str, bool | float | str] = {
+        "jax_disable_most_optimizations": True,
+        "jax_persistent_cache_min_compile_time_secs": 0.1,
+        "jax_persistent_cache_min_entry_size_bytes": 0,
+    }
+    if config.cache:
+        options["jax_compilation_cache_dir"] = str(config.cache.mkdir("jax"))
+    for name, value in options.items():
+        jax.config.update(name, value)
+        os.environ[name.upper()] = str(value)
