@@ -74,7 +74,6 @@ def learn(
         test_every=test_every,
         test_episodes=test_episodes,
     )
-    algorithm, player = _ALGORITHMS[method]
     if method == CENTRALIZED and preset == "paper":
         # That preset cuts N decisions a step into 8 N pieces of 500; a team's one decision a step makes 8 of them.
         pieces = config.hyperparameters.minibatches // uavs
@@ -82,7 +81,8 @@ def learn(
             config, hyperparameters=dataclasses.replace(config.hyperparameters, minibatches=pieces)
         )
     labels: Row = {"method": method, "uavs": uavs, "seed": seed}
-    actor, rows = _train(algorithm, player, config)
+    actor, rows = train_network(method, config)
+    player = _ALGORITHMS[method][1]
     rows = [{"kind": "curve", **labels, "vehicles": vehicles, **row} for row in rows]
     for number in flown:
         shape, domain = dataclasses.replace(config.shape, vehicles=number), physical((uavs, uavs), (number, number))
@@ -111,7 +111,14 @@ def count(uavs: list[int]) -> list[Row]:
     return rows
 
 
-def _train(algorithm: ModuleType, player: Callable[..., Player], config: Training) -> tuple[Network, list[Row]]:
+def train_network(method: str, config: Training) -> tuple[Network, list[Row]]:
+    """Train by `OURS` or `CENTRALIZED`.
+
+    Returns: the actor, and one row for each greedy test.
+    Raises:
+        TrainingError: a number was not finite.
+    """
+    algorithm, player = _ALGORITHMS[method]
     start, turn = _compiled(algorithm, dataclasses.replace(config, seed=0))
     learner = start(jax.random.key(config.seed))
     test_key = jax.random.fold_in(jax.random.key(config.seed), UNSEEN - 1)
