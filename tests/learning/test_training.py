@@ -15,7 +15,7 @@ import pytest
 from skyrelay.core.errors import TrainingError, UsageError
 from skyrelay.learning import checkpoint, training
 from skyrelay.learning.presets import training as preset
-from skyrelay.learning.training import Report, learn_side_by_side, train
+from skyrelay.learning.training import Report, train, train_side_by_side
 from skyrelay.policy import Policy
 
 
@@ -104,12 +104,27 @@ def test_an_estimate_scales_a_piece_of_an_update_to_the_whole(tiny, monkeypatch)
     assert training.estimate(tiny) == pytest.approx(1.0 * 5 / 2 * tiny.updates)
 
 
-def test_seeds_side_by_side(tiny):
-    results = list(learn_side_by_side(tiny, [3, 8]))
-    assert [steps for steps, _ in results] == [40, 80]
-    assert all(measure.shape == (2,) for _, measures in results for measure in measures.values())
-    first, second = ([measure[row] for _, measures in results for measure in measures.values()] for row in (0, 1))
-    assert first != second
+def test_seeds_side_by_side_are_the_seeds_alone(finished, tiny, tmp_path):
+    together = train_side_by_side(tiny, [3, 8], tmp_path, evaluation_episodes=4)
+    assert [Policy.load(result.policy).card.seeds for result in together] == [[3], [8]]
+    # One program for several seeds rounds differently: the same experience to begin with, then a little apart.
+    alone, same = (
+        {name: row[name] for name in ("reward", "coverage")} for row in (finished[0].curves[0], together[0].curves[0])
+    )
+    assert same == pytest.approx(alone, rel=1e-4)
+    assert together[1].curves[0]["reward"] != pytest.approx(alone["reward"], rel=1e-4)
+    curves = pq.read_table(tmp_path / "seed-8" / "curves.parquet").to_pydict()
+    assert curves["steps"] == [20.0, 40.0, 60.0, 80.0]
+    with pytest.raises(TrainingError, match="--resume"):
+        train_side_by_side(tiny, [3, 8], tmp_path)
+
+
+def test_a_seed_of_several_resumes_by_itself(tiny, tmp_path):
+    stopped = train_side_by_side(tiny, [3, 8], tmp_path, report=stop_after(3))
+    assert not any(result.finished for result in stopped)
+    resumed = train(dataclasses.replace(tiny, seed=8), tmp_path / "seed-8", resume=True, evaluation_episodes=4)
+    assert resumed.finished
+    assert [row["reward"] for row in resumed.curves[:3]] == [row["reward"] for row in stopped[1].curves]
 
 
 def test_checkpoints_that_are_none(finished, tiny, tmp_path):

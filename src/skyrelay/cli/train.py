@@ -33,6 +33,12 @@ def command(
         int | None, typer.Option("--steps", min=1, help="Steps of a team; left out: the preset's.", show_default=False)
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1)] = 0,
+    seeds: Annotated[
+        int,
+        typer.Option(
+            "--seeds", min=1, max=256, help="Train so many seeds side by side, each into a folder of its own."
+        ),
+    ] = 1,
     name: Annotated[str | None, typer.Option("--name", help="Of the policy, in its card.", show_default=False)] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the folder's checkpoint.")] = False,
     tensorboard: Annotated[bool, typer.Option("--tensorboard", help="Also write TensorBoard event files.")] = False,
@@ -47,15 +53,24 @@ def command(
             raise UsageError(option, value, "one of: " + ", ".join(choices))
     team, traffic = span("--uavs", uavs, 16), span("--vehicles", vehicles, 255)
 
+    if seeds > 1 and (resume or tensorboard):
+        raise UsageError("--seeds", seeds, "1 beside --resume or --tensorboard")
+
     from skyrelay.cli.training_progress import TrainingProgress
     from skyrelay.learning.presets import training
-    from skyrelay.learning.training import estimate, train
+    from skyrelay.learning.training import estimate, train, train_side_by_side
 
     config = training(preset, team, traffic, steps=steps, seed=seed, games=games)  # type: ignore[arg-type]
     line = shlex.join(["skyrelay", "train", *_arguments(sys.argv)])
     with TrainingProgress() as progress:
         if preset == "paper":
             progress.promise(estimate(config))  # hours on a CPU
+        if seeds > 1:
+            results = train_side_by_side(
+                config, range(seed, seed + seeds), out, report=progress, name=name, command=line
+            )
+            print_result(_outcomes(results, out), as_json)
+            return 0 if results[0].finished else 130
         result = train(config, out, resume=resume, report=progress, name=name, command=line, tensorboard=tensorboard)
     print_result(_outcome(result, out), as_json)
     if not result.finished:
@@ -93,4 +108,26 @@ def _outcome(result: Any, out: Path) -> dict[str, Any]:
         for measure in ("episode_return", "coverage", "connectivity", "connectivity_neighbor"):
             interval = getattr(entry, measure)
             outcome[measure.removeprefix("episode_")] = interval.model_dump()
+    return outcome
+
+
+def _outcomes(results: list[Any], out: Path) -> dict[str, Any]:
+    """Of trainings side by side: what each reached in its last test, and the interval over them."""
+    import numpy as np
+
+    from skyrelay.learning.evaluation import interval
+
+    last = [result.curves[-1] if result.curves else {} for result in results]
+    outcome: dict[str, Any] = {
+        "finished": results[0].finished,
+        "folder": str(out),
+        "seeds": len(results),
+        "steps": int(last[0].get("steps", 0)),
+        "training_seconds": results[0].seconds,
+        "compile_seconds": results[0].compile_seconds,
+    }
+    for measure in ("return", "coverage", "connectivity"):
+        values = [row[f"test_{measure}"] for row in last if f"test_{measure}" in row]
+        if values:
+            outcome[measure] = interval(np.array(values)) | {"each": values}
     return outcome

@@ -30,7 +30,7 @@ from skyrelay.coordination.settings import Domain, Shape
 from skyrelay.core.errors import TrainingError
 from skyrelay.core.files import atomic_path, write_bytes, write_text
 from skyrelay.learning import checkpoint
-from skyrelay.learning.evaluation import MEASURES, UNSEEN, greedy_episodes, summary
+from skyrelay.learning.evaluation import UNSEEN, greedy_episodes, summary
 from skyrelay.learning.networks import Network
 from skyrelay.learning.onnx import export
 from skyrelay.learning.ppo import Learner, begin, update
@@ -158,20 +158,106 @@ def train(
         return Trained(learner.actor, curves, seconds, compile_seconds, False, None, [])
 
     report(Report("evaluating", done, config.updates, done * config.hyperparameters.steps_per_update, seconds))
-    evaluation = evaluate(learner.actor, config, evaluation_episodes)
-    card = make_card(config, name or default_name(config), command, evaluation)
-    policy = out / "policy.onnx"
-    write_bytes(policy, export(learner.actor, card))
+    policy, evaluation = _finish(learner.actor, config, out, name or default_name(config), command, evaluation_episodes)
     return Trained(learner.actor, curves, seconds, compile_seconds, True, policy, evaluation)
 
 
-def compiled_update(config: Training, learner: Learner) -> Callable[[Learner], tuple[Learner, dict[str, Any]]]:
-    """`ppo.update` of this training, compiled for ``learner``; its argument's memory is reused."""
+def train_side_by_side(
+    config: Training,
+    seeds: Sequence[int],
+    out: Path,
+    *,
+    report: Callable[[Report], None] = lambda _: None,
+    name: str | None = None,
+    command: str = "skyrelay.learning.train_side_by_side",
+    evaluation_episodes: int = 200,
+) -> list[Trained]:
+    """Train several seeds at once, as one compiled program.
 
-    def turn(learner: Learner) -> tuple[Learner, dict[str, Any]]:
+    Args:
+        config: the training; its own seed is not used.
+        seeds: one training each. Each leaves a folder ``out/seed-<n>`` as `train` does, which `train` can resume.
+        report: called after each stage and update, with the first seed's row of the curves.
+        name: of the policies, the seed after it.
+        command, evaluation_episodes: as for `train`.
+    Raises:
+        TrainingError: a number was not finite, or a folder already holds a training.
+    """
+    configs = [dataclasses.replace(config, seed=seed) for seed in seeds]
+    identities = [json.loads(json.dumps(dataclasses.asdict(one))) for one in configs]
+    folders = [out / f"seed-{seed}" for seed in seeds]
+    for folder in folders:
+        if (folder / "checkpoint.npz").exists():
+            raise TrainingError(
+                folder, "a folder with a checkpoint", "another --out, or --resume to go on with it alone"
+            )
+    report(Report("compiling", 0, config.updates, 0, 0.0))
+    started = time.perf_counter()
+    keys = jax.vmap(jax.random.key)(jax.numpy.asarray(seeds, jax.numpy.uint32))
+    learners: Learner = eqx.filter_jit(eqx.filter_vmap(lambda key: _begin_with(config, key)))(keys)
+    turn = compiled_update(config, learners, side_by_side=True)
+    compile_seconds = time.perf_counter() - started
+    for folder, identity in zip(folders, identities, strict=True):
+        write_text(
+            folder / "training.json", json.dumps({"training": identity, "versions": versions()}, indent=2) + "\n"
+        )
+
+    curves: list[list[dict[str, float]]] = [[] for _ in seeds]
+    tests = max(1, config.test_every // config.hyperparameters.steps_per_update)
+    seconds, done, steps = 0.0, 0, 0
+
+    def save() -> None:
+        for index, folder in enumerate(folders):
+            _save(folder, _of_seed(learners, index), curves[index], identities[index])
+
+    with _interruptible() as interrupted:
+        while done < config.updates and not interrupted():
+            began = time.perf_counter()
+            learners, metrics = turn(learners)
+            metrics = jax.device_get(metrics)
+            seconds += time.perf_counter() - began
+            done += 1
+            steps = done * config.hyperparameters.steps_per_update
+            due = done % tests == 0 or done == config.updates
+            for index, folder in enumerate(folders):
+                row = {"update": float(done), "steps": float(steps), "seconds": seconds}
+                row |= {measure: float(values[index]) for measure, values in metrics.items()}
+                _check_finite(row, folder)
+                if due:
+                    measures = test(_of_seed(learners, index).actor, configs[index])
+                    row |= {f"test_{measure}": found["mean"] for measure, found in measures.items()}
+                curves[index].append(row)
+            if due or interrupted():
+                save()
+            report(Report("training", done, config.updates, steps, seconds, curves[0][-1]))
+    actors = [_of_seed(learners, index).actor for index in range(len(seeds))]
+    if done < config.updates:
+        save()
+        pairs = zip(actors, curves, strict=True)
+        return [Trained(actor, curve, seconds, compile_seconds, False, None, []) for actor, curve in pairs]
+
+    report(Report("evaluating", done, config.updates, steps, seconds))
+    results = []
+    for actor, own, folder, curve in zip(actors, configs, folders, curves, strict=True):
+        title = f"{name or default_name(config)}-seed{own.seed}"
+        policy, evaluation = _finish(actor, own, folder, title, command, evaluation_episodes)
+        results.append(Trained(actor, curve, seconds, compile_seconds, True, policy, evaluation))
+    return results
+
+
+def compiled_update(
+    config: Training, learner: Learner, *, side_by_side: bool = False
+) -> Callable[[Learner], tuple[Learner, dict[str, Any]]]:
+    """`ppo.update` of this training, compiled for ``learner``; its argument's memory is reused.
+
+    Args:
+        side_by_side: the learner has a leading axis of seeds, and so have the results.
+    """
+
+    def one(learner: Learner) -> tuple[Learner, dict[str, Any]]:
         return update(learner, config.hyperparameters, config.domain, config.updates)
 
-    jitted: Any = eqx.filter_jit(turn, donate="all")
+    jitted: Any = eqx.filter_jit(eqx.filter_vmap(one) if side_by_side else one, donate="all")
     compiled: Callable[[Learner], tuple[Learner, dict[str, Any]]] = jitted.lower(learner).compile()
     return compiled
 
@@ -187,50 +273,9 @@ def estimate(config: Training) -> float:
     piece = dataclasses.replace(config, hyperparameters=dataclasses.replace(whole, horizon=horizon, minibatches=1))
     learner = _begin(piece)
     turn = compiled_update(piece, learner)
-    jax.block_until_ready(learner)
     began = time.perf_counter()
-    jax.block_until_ready(turn(learner))
+    jax.device_get(turn(learner)[1])
     return (time.perf_counter() - began) * whole.horizon / horizon * config.updates
-
-
-def learn_side_by_side(config: Training, seeds: Sequence[int]) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Train several seeds at once, as one compiled program.
-
-    Args:
-        config: the training; its own seed is not used.
-        seeds: one training each.
-    Yields: after each greedy test, the steps of a team and the tests' means by name, each [seeds].
-    """
-
-    @eqx.filter_jit
-    def start(keys: jax.Array) -> Learner:
-        learners: Learner = eqx.filter_vmap(lambda key: _begin_with(config, key))(keys)
-        return learners
-
-    @eqx.filter_jit(donate="all")
-    def turn(learners: Learner) -> Learner:
-        def one(learner: Learner) -> Learner:
-            return update(learner, config.hyperparameters, config.domain, config.updates)[0]
-
-        moved: Learner = eqx.filter_vmap(one)(learners)
-        return moved
-
-    @eqx.filter_jit
-    def examine(learners: Learner) -> jax.Array:
-        def one(learner: Learner) -> jax.Array:
-            key, shape, domain = _test_key(config), config.shape, config.domain
-            return greedy_episodes(learner.actor, key, config.test_episodes, shape, domain).mean(-1)
-
-        results: jax.Array = eqx.filter_vmap(one)(learners)
-        return results
-
-    learner = start(jax.vmap(jax.random.key)(jax.numpy.asarray(seeds, jax.numpy.uint32)))
-    tests = max(1, config.test_every // config.hyperparameters.steps_per_update)
-    for done in range(1, config.updates + 1):
-        learner = turn(learner)
-        if done % tests == 0 or done == config.updates:
-            results = jax.device_get(examine(learner))
-            yield done * config.hyperparameters.steps_per_update, dict(zip(MEASURES, results.T, strict=True))
 
 
 def test(actor: Network, config: Training) -> dict[str, dict[str, float]]:
@@ -314,6 +359,22 @@ def _begin(config: Training) -> Learner:
 
 def _begin_with(config: Training, key: jax.Array) -> Learner:
     return begin(key, config.hyperparameters, config.shape, config.domain, config.updates)
+
+
+def _of_seed(learners: Learner, row: int) -> Learner:
+    """One of several learners that are trained side by side."""
+    one: Learner = jax.tree.map(lambda leaf: leaf[row] if eqx.is_array(leaf) else leaf, learners)
+    return one
+
+
+def _finish(
+    actor: Network, config: Training, out: Path, name: str, command: str, episodes: int
+) -> tuple[Path, list[Evaluation]]:
+    """Evaluate and export a trained policy; returns the file's path and what its card says."""
+    evaluation = evaluate(actor, config, episodes)
+    policy = out / "policy.onnx"
+    write_bytes(policy, export(actor, make_card(config, name, command, evaluation)))
+    return policy, evaluation
 
 
 def _test_key(config: Training) -> jax.Array:
