@@ -1,7 +1,6 @@
 """`skyrelay chain devnet` and `skyrelay run --chain`: a scenario on four validators, as any of them tells it."""
 
 import json
-import signal
 import socket
 import subprocess
 import sys
@@ -35,14 +34,14 @@ def play(folder: Path, *more: str) -> dict:
 
 @contextmanager
 def devnet(folder: Path) -> Iterator[dict]:
-    """The command in a process of its own: what it tells when blocks are made. Ctrl-C ends it, and the validators."""
+    """The command in a process of its own: what it tells when blocks are made. Ending it ends the validators."""
     ports = ["--rpc-port", str(free_ports(12))]
     command = [Path(sys.executable).parent / "skyrelay", "chain", "devnet", "--dir", folder, "--json", *ports]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             yield json.loads(process.stdout.readline())
         finally:
-            process.send_signal(signal.SIGINT)
+            process.terminate()
     assert process.returncode == 0
 
 
