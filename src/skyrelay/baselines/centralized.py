@@ -22,7 +22,7 @@ from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape
 from skyrelay.core.errors import UsageError
 from skyrelay.core.flight import ACTIONS
-from skyrelay.core.maps import CHANNELS, normalise
+from skyrelay.core.maps import normalise
 from skyrelay.learning import ppo
 from skyrelay.learning.gae import advantages
 from skyrelay.learning.networks import KERNEL, Architecture, Linear, Network
@@ -40,7 +40,7 @@ class JointNetwork(Network):
         super().__init__(key, architecture, outputs, gain)
         # The first layer sees the maps of all UAVs instead of one's six.
         layers = self.convolutions or self.layers
-        inputs = uavs * (CHANNELS * KERNEL**2 if self.convolutions else architecture.features)
+        inputs = uavs * (architecture.maps * KERNEL**2 if self.convolutions else architecture.features)
         layers[0] = Linear.new(k_first, inputs, layers[0].bias.shape[0], 2.0**0.5)
 
     def __call__(self, maps: Float[Array, "batch uavs 6 n n"]) -> Float[Array, "batch outputs"]:
@@ -56,7 +56,7 @@ class Centralized(Player):
 
     def act(self, state: game.State, memory: Memory) -> tuple[Int[Array, " uavs"], Memory]:
         """The greedy combination."""
-        maps = normalise(game.observe(state), state.shape.zoom)
+        maps = normalise(game.observe(state), state.shape.zoom, state.shape.maps)
         return separate(jnp.argmax(self.actor(maps[None]), -1)[0], state.shape.uavs), memory
 
 
@@ -114,7 +114,7 @@ def collect(
     fresh = ppo.new_games(k_reset, config.games, shape, domain)
 
     def look(network: Network, maps: UInt8[Array, "games uavs 6 n n"]) -> Array:
-        return network(normalise(maps, shape.zoom))
+        return network(normalise(maps, shape.zoom, shape.maps))
 
     def play(
         carry: tuple[game.State, game.State], key: PRNGKeyArray

@@ -73,7 +73,7 @@ class Learned(Player):
 
     def act(self, state: game.State, memory: Memory) -> tuple[Int[Array, " uavs"], Memory]:
         """The greedy action."""
-        return jnp.argmax(self.actor(normalise(game.observe(state), state.shape.zoom)), -1), memory
+        return jnp.argmax(self.actor(normalise(game.observe(state), state.shape.zoom, state.shape.maps)), -1), memory
 
 
 class Episodes(NamedTuple):
