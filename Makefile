@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 PYTEST := $(BIN)/python -m pytest
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check test-browser test-contracts test-nodes test-all nodes bench clean
+.PHONY: help setup run test check test-browser test-contracts test-nodes test-sumo test-peers test-all nodes peers bench clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -58,7 +58,33 @@ nodes: ## build Kubo, go-ethereum and GoQuorum into .tools/bin (needs Go; minute
 test-nodes: $(READY) nodes ## real validators and real IPFS nodes on loopback
 	$(PYTEST) -m nodes -n 4 --dist loadgroup
 
-test-all: check test test-browser test-contracts test-nodes ## everything
+# SUMO is half a gigabyte: an environment of its own.
+$(VENV)/sumo/.ready: pyproject.toml constraints.txt
+	@$(PYTHON) -m venv $(VENV)/sumo
+	@$(VENV)/sumo/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt eclipse-sumo pytest --editable ".[sumo]"
+	@touch $@
+
+test-sumo: $(VENV)/sumo/.ready ## traces recorded from the real simulator (installs SUMO, 0.9 GB)
+	$(VENV)/sumo/bin/python -m pytest tests/mobility/test_recording.py
+
+# The peers pin other versions than we do, and PyTorch brings CUDA's libraries along: environments of their own.
+$(VENV)/peers/.ready: pyproject.toml constraints-peers.txt
+	@echo "Installing PyTorch, TorchRL, BenchMARL and VMAS into $(VENV)/peers (5 GB)"
+	@$(PYTHON) -m venv $(VENV)/peers
+	@$(VENV)/peers/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints-peers.txt torch torchrl benchmarl vmas pytest --editable .
+	@touch $@
+
+$(VENV)/jaxmarl/.ready: constraints-jaxmarl.txt
+	@$(PYTHON) -m venv $(VENV)/jaxmarl
+	@$(VENV)/jaxmarl/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints-jaxmarl.txt jaxmarl
+	@touch $@
+
+peers: $(VENV)/peers/.ready $(VENV)/jaxmarl/.ready ## what the benchmarks of environment and training compare with (6 GB)
+
+test-peers: $(VENV)/peers/.ready ## BenchMARL and TorchRL train on the game (installs PyTorch, 5 GB)
+	$(VENV)/peers/bin/python -m pytest tests/peers
+
+test-all: check test test-browser test-contracts test-nodes test-sumo test-peers ## everything
 
 bench: $(READY) ## every benchmark, one after the other; figures and JSON
 	@for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
