@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from skyrelay.chain.accounts import PASSWORD, PASSWORD_FILE
 from skyrelay.cli.main import app
+from skyrelay.policy import Policy, builtin_policies
 
 pytestmark = [pytest.mark.nodes, pytest.mark.xdist_group("run")]
 
@@ -59,11 +60,14 @@ def free_ports(count: int) -> int:
 
 
 def test_a_run_on_four_validators_is_that_of_the_embedded_chain_and_any_of_them_can_be_audited(tmp_path, monkeypatch):
+    policy = tmp_path / "policy.onnx"
+    policy.write_bytes(Policy.builtin(builtin_policies()[0]).content)
+    flown = ["--set", f"coordination.policy={policy}"]
     with devnet(tmp_path / "net") as network:
         monkeypatch.setenv(PASSWORD_FILE, network["operator_password_file"])
         monkeypatch.delenv(PASSWORD, raising=False)
         keystore = f"chain.keystore={network['operator_keystore']}"
-        told = play(tmp_path / "run", "--chain", network["endpoints"][0], "--set", keystore)
+        told = play(tmp_path / "run", "--chain", network["endpoints"][0], "--set", keystore, *flown)
         status, audit = skyrelay("audit", "--chain", network["endpoints"][2], "--contract", told["contract"])
         sealed = audit["given"]["blocks sealed by"]
     assert status == 0
@@ -75,6 +79,6 @@ def test_a_run_on_four_validators_is_that_of_the_embedded_chain_and_any_of_them_
     assert all(node["address"].lower() in sealed for node in validators)
     assert {path.name for path in (tmp_path / "run").iterdir()} >= {"report.html", "events.parquet", "summary.json"}
 
-    embedded = play(tmp_path / "embedded")
+    embedded = play(tmp_path / "embedded", *flown)
     same = ("vehicles", "uavs", "zones", "periods", "served", "mean_qou", "mean_qov", "coverage", "connectivity")
     assert [told[key] for key in same] == pytest.approx([embedded[key] for key in same])
