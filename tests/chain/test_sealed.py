@@ -196,6 +196,23 @@ def test_an_answer_of_another_form_is_a_difference_and_no_crash() -> None:
     assert any("receipts not readable" in line for line in lines)
 
 
+def test_a_log_that_announces_more_than_any_memory_holds_is_named() -> None:
+    tape = TAPES["qbft"]
+    request, length = next(
+        (request, place)
+        for request, answer in answers(tape, "eth_getTransactionReceipt")
+        for log in answer["logs"]
+        # registerModel's CID of 36 bytes: the last of the places where 0x24 stands alone is its length.
+        if (place := log["data"].rfind("0" * 62 + "24")) > 0
+    )
+
+    def change(answer: Any) -> None:
+        for log in answer["logs"]:
+            log["data"] = log["data"][:length] + "ff" * 32 + log["data"][length + 64 :]
+
+    assert any(": receipts: " in line for line in told_otherwise(tape, request, change))
+
+
 def test_a_wrong_address_is_refused() -> None:
     tape = TAPES["qbft"]
     nowhere = "0x" + "12" * 20

@@ -18,6 +18,8 @@ from eth_hash.auto import keccak
 from skyrelay.chain.chain import LogEntry
 from skyrelay.core.errors import ChainError
 
+_UNDECODABLE = (DecodingError, OverflowError, ValueError)
+"""What decoding raises; the second where data announces more than any memory holds."""
 _STANDARD_ERRORS = {
     bytes.fromhex("08c379a0"): ("Error", ["string"], ["reason"]),
     bytes.fromhex("4e487b71"): ("Panic", ["uint256"], ["code"]),
@@ -98,7 +100,7 @@ class Function:
         """
         try:
             return self._outputs.decode(output)
-        except DecodingError as error:
+        except _UNDECODABLE as error:
             raise ChainError(f"contract: {self.name}", output.hex(), f"values of {self._outputs.types}") from error
 
     def decode_arguments(self, data: bytes) -> dict[str, Any]:
@@ -182,7 +184,7 @@ class Contract:
             raise ChainError(place, entry.topics[0].hex() if entry.topics else None, "an event of the contract")
         try:
             return Event(kind.name, kind.decode(entry), entry.block, entry.transaction, entry.index)
-        except (DecodingError, ValueError) as error:
+        except _UNDECODABLE as error:
             raise ChainError(place, entry.data.hex(), f"the arguments of {kind.name}") from error
 
     def topic(self, event: str) -> bytes:
@@ -199,7 +201,7 @@ class Contract:
         name, types, names = known
         try:
             values = decode(types, output[4:])
-        except DecodingError:
+        except _UNDECODABLE:
             return ContractError(function, name, {"data": "0x" + output[4:].hex()})
         return ContractError(
             function,
