@@ -36,7 +36,7 @@ def server(answer: Answer) -> Iterator[str]:
             request = b""
             while b"\r\n\r\n" not in request:
                 request += connection.recv(65536)
-            while b"Transfer-Encoding: chunked" in request and not request.endswith(b"0\r\n\r\n"):
+            while b"Transfer-Encoding: chunked" in request and not request.endswith(b"\r\n0\r\n\r\n"):
                 request += connection.recv(65536)
             answer(connection)
             while not stop.is_set() and answer in (silence, headers_only):
