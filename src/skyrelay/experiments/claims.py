@@ -72,14 +72,14 @@ CLAIMS: tuple[Claim, ...] = (
     Claim("coordination.connected", "Connectivity 0.95 on average (each UAV has a neighbour)", _COORDINATION),
     Claim("coordination.placement", "Coverage of PSO placement deteriorates with more vehicles", _COORDINATION),
     Claim("coordination.placement-connected", "PSO placement keeps full connectivity", _COORDINATION),
-    Claim("gas.deployment", "Deployment costs 2,932,986 gas", _COST),
-    Claim("gas.registerUAV", "registerUAV costs 265,964 gas", _COST),
-    Claim("gas.registerVehicle", "registerVehicle costs 161,646 gas", _COST),
-    Claim("gas.updateVehicleInfo", "updateVehicleInfo costs 54,002 gas", _COST),
-    Claim("gas.updateUAVInfo", "updateUAVInfo costs 67,287 gas", _COST),
-    Claim("gas.updateUAVZone", "updateUAVZone costs 104,492 gas", _COST),
-    Claim("gas.submitVehSelection", "submitVehSelection costs 159,442 gas", _COST),
-    Claim("gas.resetListsForZone", "resetListsForZone costs 116,565 gas", _COST),
+    Claim("gas.deployment", "Deployment for 2,932,986 gas", _COST),
+    Claim("gas.registerUAV", "registerUAV for 265,964 gas", _COST),
+    Claim("gas.registerVehicle", "registerVehicle for 161,646 gas", _COST),
+    Claim("gas.updateVehicleInfo", "updateVehicleInfo for 54,002 gas", _COST),
+    Claim("gas.updateUAVInfo", "updateUAVInfo for 67,287 gas", _COST),
+    Claim("gas.updateUAVZone", "updateUAVZone for 104,492 gas", _COST),
+    Claim("gas.submitVehSelection", "submitVehSelection for 159,442 gas", _COST),
+    Claim("gas.resetListsForZone", "resetListsForZone for 116,565 gas", _COST),
 )
 _KEYS = frozenset(claim.key for claim in CLAIMS)
 

@@ -57,6 +57,7 @@ _PLACES = {
     "selection-demand": "skyrelay.experiments.sensitivity:DEMAND",
     "selection-zones": "skyrelay.experiments.sensitivity:ZONES",
     "coordination": "skyrelay.experiments.coordination:FIGURE",
+    "gas": "skyrelay.experiments.gas:FIGURE",
     "generalization": "skyrelay.experiments.generalization:FIGURE",
 }
 """Where each figure is."""
