@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,8 @@ from skyrelay.experiments.figures import FigureSpec, Rendered, Scale
 from skyrelay.experiments.plotting import COLORS, panels, save
 from skyrelay.experiments.runner import Experiment, Row, Task
 
+EXTENSION = "deployment of the extension"
+"""The second part of the contract: models, ratings, views. The paper's table knows one part."""
 SETTING = "embedded chain (London), worst and best case of each function"
 
 
@@ -54,7 +56,8 @@ def render(table: pa.Table, folder: Path) -> Rendered:
     path = folder / "gas.csv"
     with atomic_path(path) as beside:
         pa_csv.write_csv(pa.Table.from_pylist([_ratio(row) for row in rows]), beside)
-    findings = [_finding(function, cases) for function, cases in costs.items()]
+    apart = {row["function"]: row["gas"] for row in rows if row["function"] == EXTENSION}
+    findings = [_finding(function, cases, apart) for function, cases in costs.items()]
     return Rendered([path, *_draw(costs, [row for row in rows if row["kind"] == "curve"], folder)], findings)
 
 
@@ -62,12 +65,15 @@ def _ratio(row: Row) -> dict[str, Any]:
     return {**row, "ratio": None if row["paper"] is None else round(row["gas"] / row["paper"], 4)}
 
 
-def _finding(function: str, cases: Sequence[Row]) -> Finding:
+def _finding(function: str, cases: Sequence[Row], apart: Mapping[str, int]) -> Finding:
+    """The dearest case decides; what else a deployment needs is told beside it."""
     low, high = min(row["gas"] for row in cases), max(row["gas"] for row in cases)
     paper = cases[0]["paper"]
     text = f"{high:,}, {high / paper:.2f} of it"
     if low < high:
         text = f"{low:,} to {high:,}, {low / paper:.2f} to {high / paper:.2f} of it"
+    if function == "deployment":
+        text += "".join(f"; {name} {value:,} more" for name, value in apart.items())
     return Finding(f"gas.{function}", SETTING, text, "holds" if high <= paper else "does not hold")
 
 
