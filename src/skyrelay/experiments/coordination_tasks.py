@@ -93,6 +93,7 @@ def learn(
 
 def play_baseline(name: str, uavs: int, vehicles: int, episodes: int) -> list[Row]:
     """Play one baseline through the same unseen episodes."""
+    forget_programs()
     shape, domain = Shape(uavs, vehicles), physical((uavs, uavs), (vehicles, vehicles))
     played = play(baseline(name), _unseen(EVALUATION_SEED), episodes, shape, domain)
     return _episode_rows(played, {"method": name, "uavs": uavs, "vehicles": vehicles})
@@ -109,6 +110,11 @@ def count(uavs: list[int]) -> list[Row]:
             ):
                 rows.append({"kind": "network", "method": method, "preset": preset, "uavs": number, **vars(cost)})
     return rows
+
+
+def forget_programs() -> None:
+    """Drop what JAX has compiled for earlier tasks: hundreds of programs use up the memory maps a process may have."""
+    jax.clear_caches()  # type: ignore[no-untyped-call]
 
 
 def train_network(method: str, config: Training) -> tuple[Network, list[Row]]:
@@ -140,6 +146,7 @@ def _compiled(
     algorithm: ModuleType, config: Training
 ) -> tuple[Callable[[jax.Array], Learner], Callable[[Learner], tuple[Learner, dict[str, jax.Array]]]]:
     """How a training begins and how it goes on, compiled once for all seeds (``config`` has none of its own)."""
+    forget_programs()
     hyperparameters, domain, updates = config.hyperparameters, config.domain, config.updates
 
     def start(key: jax.Array) -> Learner:

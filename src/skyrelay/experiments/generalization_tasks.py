@@ -13,7 +13,7 @@ from skyrelay.baselines.player import Learned, play_from
 from skyrelay.coordination import game
 from skyrelay.coordination.replay import Setting, replayed_games
 from skyrelay.coordination.settings import Domain, Shape, physical
-from skyrelay.experiments.coordination_tasks import EVALUATION_SEED, OURS, train_network
+from skyrelay.experiments.coordination_tasks import EVALUATION_SEED, OURS, forget_programs, train_network
 from skyrelay.experiments.runner import Row
 from skyrelay.learning.evaluation import MEASURES, policy_episodes, starts, unseen_key
 from skyrelay.learning.networks import Network
@@ -52,6 +52,7 @@ def fly(
         cid: of the shipped policy: another policy is another task.
     Returns: one row an episode.
     """
+    forget_programs()
     if player == SPECIALIST:
         config = training("fast", (uavs, uavs), (vehicles, vehicles), steps=steps)
         domain = dataclasses.replace(config.domain, ratio=(ratio, ratio))
