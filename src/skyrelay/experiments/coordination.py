@@ -16,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 from matplotlib.axes import Axes
+from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from skyrelay.core.files import atomic_path
 from skyrelay.experiments.coordination_findings import findings
@@ -206,6 +207,8 @@ def _finish_curves(axis: Axes, uavs: int) -> None:
     _fit(axis, top=2.0)
     axis.set_title(f"{uavs} UAVs", fontsize=10)
     axis.set_xlabel("steps of the team")
+    axis.xaxis.set_major_locator(MaxNLocator(5))
+    axis.xaxis.set_major_formatter(EngFormatter())
     axis.set_ylabel("return of an episode")
 
 
