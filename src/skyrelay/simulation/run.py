@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -15,7 +15,6 @@ import numpy as np
 from skyrelay.chain.abi import Event
 from skyrelay.chain.chain import Call
 from skyrelay.chain.client import QOV_UNIT
-from skyrelay.core.entities import FloatArray, IntArray, UavTable, VehicleTable
 from skyrelay.core.files import write_text
 from skyrelay.core.progress import Progress
 from skyrelay.core.scenario import Scenario, to_toml
@@ -27,11 +26,11 @@ from skyrelay.protocol.sequence import UavState, VehicleState, ZoneState
 from skyrelay.protocol.uav import UavAgent
 from skyrelay.protocol.vehicle import VehicleAgent
 from skyrelay.protocol.zone_view import ZoneView, read_zone
-from skyrelay.selection import select
 from skyrelay.simulation.consortium import Consortium
-from skyrelay.simulation.flight import NOBODY, Flight, Measure
-from skyrelay.simulation.recorder import Recorder
-from skyrelay.simulation.world import Fleet, deploy_fleet, draw_members
+from skyrelay.simulation.flight import NOBODY
+from skyrelay.simulation.record import Record
+from skyrelay.simulation.team import Team
+from skyrelay.simulation.world import deploy_fleet, draw_members
 
 REPUTATIONS_PER_CALL = 100
 P = ParamSpec("P")
@@ -89,11 +88,12 @@ class _Run:
     def __init__(self, scenario: Scenario, tracks: Tracks, grid: ZoneGrid, consortium: Consortium) -> None:
         self.scenario, self.tracks, self.grid, self.consortium = scenario, tracks, grid, consortium
         self.client = consortium.client
-        self.recorder = Recorder()
         self.members = draw_members(scenario, len(tracks.ids))
         fleet = deploy_fleet(scenario, tracks, grid)
-        self.flying = _Team(scenario, fleet, grid, self.members.demand)
-        self.hovering = _Team(scenario, fleet.copy(), grid, self.members.demand)
+        self.flying = Team(scenario, fleet, grid, self.members.demand)
+        self.hovering = Team(scenario, fleet.copy(), grid, self.members.demand)
+        seconds = scenario.coordination.step_seconds
+        self.written = Record(tracks, grid, self.members, seconds, self.flying, self.hovering)
         self.vehicles = [
             VehicleAgent(name, consortium.account(name), int(demand), int(payment), scenario.selection)
             for name, demand, payment in zip(tracks.ids, self.members.demand, self.members.payment, strict=True)
@@ -152,7 +152,7 @@ class _Run:
         self._retire_spent(step)
         self._report_positions(step)
         views = self._views()
-        self._record_period(period, step, views)
+        self.written.period(period, step, views.values(), self._name_of)
         proposals: list[dict[str, Any]] = []
         for round_ in range(1, self.scenario.selection.rounds + 1):
             if round_ > 1:
@@ -162,7 +162,8 @@ class _Run:
                 break
             proposals += submitted
             self._allocate({row["zone"] for row in submitted}, step)
-        self._record_proposals(proposals)
+        self._note_accepted(proposals)
+        self.written.proposals(proposals)
         owner = np.array(
             [
                 self.uav_row[agent.uav] if agent.state is VehicleState.SERVED and agent.uav else NOBODY
@@ -170,9 +171,9 @@ class _Run:
             ]
         )
         self.flying.assign(owner, self._equip(step))
-        self.hovering.assign(self._static_selection(step), {})
+        self.hovering.assign(self.hovering.selection(self.tracks, self.members, step), {})
         if step == 0:
-            self._record_step(0)
+            self.written.step(0)
 
     def fly(self, step: int) -> None:
         """From ``step - 1`` to ``step``: UAVs decide on what they see, everyone moves, the result is measured."""
@@ -180,7 +181,7 @@ class _Run:
         for team in (self.flying, self.hovering):
             team.flight.step(x, y)
         self._retire_spent(step)
-        self._record_step(step)
+        self.written.step(step)
 
     # Selection
 
@@ -252,13 +253,8 @@ class _Run:
                 continue
             choice = agent.choose(view)
             if round_ == 1 and choice.weighed:
-                self.recorder.add(
-                    "candidates",
-                    period=period,
-                    vehicle=agent.name,
-                    uav=[self._name_of(address) for address in choice.weighed],
-                    qou=list(choice.weighed.values()),
-                )
+                weighed = {self._name_of(address): value for address, value in choice.weighed.items()}
+                self.written.candidates(period, agent.name, weighed)
             if choice.uav is not None:
                 calls.append(agent.submit(self.client, choice.uav, view))
                 rows.append({"vehicle": row, "uav": self.uav_row[choice.uav], "zone": view.zone, "qou": choice.qou})
@@ -305,36 +301,15 @@ class _Run:
                     policies[event.args["zone"]] = agent.equip(cid)
         return policies
 
-    def _static_selection(self, step: int) -> IntArray:
-        """[V] the row of each vehicle's UAV where the same fleet hovers: the same rules, at its own positions."""
-        rows = np.flatnonzero(np.isfinite(self.tracks.x[step]))
-        fleet = self.hovering.fleet
-        airborne = np.flatnonzero(fleet.zone > 0)
-        vehicles = VehicleTable(
-            ids=tuple(self.tracks.ids[row] for row in rows),
-            x=self.tracks.x[step, rows],
-            y=self.tracks.y[step, rows],
-            zone=self.grid.zone_of(self.tracks.x[step, rows], self.tracks.y[step, rows]),
-            demand=self.members.demand[rows].astype(np.float64),
-            payment=self.members.payment[rows].astype(np.float64),
-            reputation=self.members.reputation[rows],
-        )
-        uavs = UavTable(
-            ids=tuple(fleet.ids[row] for row in airborne),
-            x=fleet.x[airborne],
-            y=fleet.y[airborne],
-            zone=fleet.zone[airborne],
-            bandwidth=fleet.bandwidth[airborne].astype(np.float64),
-            battery=fleet.battery[airborne],
-            reputation=fleet.reputation[airborne],
-        )
-        before = self.hovering.flight.owner[rows]
-        index = np.full(len(fleet.ids) + 1, NOBODY)  # the last one stands for nobody
-        index[airborne] = np.arange(len(airborne))
-        chosen = select(vehicles, uavs, settings=self.scenario.selection, incumbent=index[before]).assignment
-        owner = np.full(len(self.tracks.ids), NOBODY)
-        owner[rows[chosen >= 0]] = airborne[chosen[chosen >= 0]]
-        return owner
+    def _note_accepted(self, proposals: Sequence[dict[str, Any]]) -> None:
+        """Of a period's proposals, whether each UAV held on to them to the end; QoU and QoV of those it did."""
+        last = {row["vehicle"]: row["order"] for row in proposals}
+        for row in proposals:
+            served = self.vehicles[row["vehicle"]].state is VehicleState.SERVED
+            row["accepted"] = served and last[row["vehicle"]] == row["order"]
+            if row["accepted"]:
+                self.qou.append(row["qou"])
+                self.qov.append(row["qov"] * QOV_UNIT)
 
     # The chain
 
@@ -362,128 +337,14 @@ class _Run:
     def _name_of(self, address: str) -> str:
         return self.uavs[self.uav_row[address]].name
 
-    # The record
-
-    def _record_period(self, period: int, step: int, views: dict[int, ZoneView]) -> None:
-        """The records on the chain that the period's selection works with."""
-        for view in views.values():
-            uavs = view.uavs
-            if len(uavs):
-                self.recorder.add(
-                    "fleet",
-                    period=period,
-                    uav=[self._name_of(address) for address in uavs.ids],
-                    zone=uavs.zone,
-                    x=uavs.x,
-                    y=uavs.y,
-                    bandwidth_kbps=uavs.bandwidth.astype(np.int32),
-                    battery=uavs.battery,
-                    reputation=uavs.reputation,
-                )
-        rows = np.flatnonzero(np.isfinite(self.tracks.x[step]))
-        x, y = self.tracks.x[step, rows], self.tracks.y[step, rows]
-        self.recorder.add(
-            "members",
-            period=period,
-            vehicle=[self.tracks.ids[row] for row in rows],
-            zone=self.grid.zone_of(x, y),
-            x=x.round(1),
-            y=y.round(1),
-            demand_kbps=self.members.demand[rows],
-            payment=self.members.payment[rows].astype(np.float64),
-            reputation=self.members.reputation[rows],
-        )
-
-    def _record_proposals(self, proposals: Sequence[dict[str, Any]]) -> None:
-        """Every proposal of a period, and whether its UAV held on to it to the end."""
-        if not proposals:
-            return
-        last = {row["vehicle"]: row["order"] for row in proposals}
-        for row in proposals:
-            agent = self.vehicles[row["vehicle"]]
-            row["accepted"] = last[row["vehicle"]] == row["order"] and agent.state is VehicleState.SERVED
-            if row["accepted"]:
-                self.qou.append(row["qou"])
-                self.qov.append(row["qov"] * QOV_UNIT)
-        self.recorder.add(
-            "proposals",
-            **{key: [row[key] for row in proposals] for key in ("period", "round", "zone", "qou", "qov", "score")},
-            vehicle=[self.tracks.ids[row["vehicle"]] for row in proposals],
-            uav=[self.flying.fleet.ids[row["uav"]] for row in proposals],
-            demand_kbps=[int(self.members.demand[row["vehicle"]]) for row in proposals],
-            accepted=[row["accepted"] for row in proposals],
-            order=[row["order"] for row in proposals],
-        )
-
-    def _record_step(self, step: int) -> None:
-        x, y = self.tracks.x[step], self.tracks.y[step]
-        flying, hovering = self.flying, self.hovering
-        measured = {m.zone: m for m in flying.measure(x, y, count=step > 0)}
-        static = {m.zone: m for m in hovering.measure(x, y, count=step > 0)}
-        zones = sorted(measured)
-        nothing = Measure(0, 0, 0, math.nan, math.nan, math.nan, 0.0)
-        self.recorder.add(
-            "metrics",
-            step=step,
-            time=step * self.scenario.coordination.step_seconds,
-            zone=zones,
-            vehicles=[measured[zone].vehicles for zone in zones],
-            covered=[measured[zone].covered for zone in zones],
-            coverage=[measured[zone].coverage for zone in zones],
-            connectivity=[measured[zone].connectivity for zone in zones],
-            connectivity_neighbor=[measured[zone].connectivity_neighbor for zone in zones],
-            served_mbps=[measured[zone].served_mbps for zone in zones],
-            energy_percent=float(flying.fleet.battery.mean()),
-            static_coverage=[static.get(zone, nothing).coverage for zone in zones],
-            static_connectivity=[static.get(zone, nothing).connectivity for zone in zones],
-        )
-        rows = np.flatnonzero(np.isfinite(x))
-        owner, static_owner = flying.flight.owner[rows], hovering.flight.owner[rows]
-        self.recorder.add(
-            "vehicles",
-            step=step,
-            vehicle=[self.tracks.ids[row] for row in rows],
-            x=x[rows],
-            y=y[rows],
-            zone=self.grid.zone_of(x[rows], y[rows]),
-            uav=[flying.fleet.ids[row] if row != NOBODY else "" for row in owner],
-            covered=flying.flight.covered(x, y)[rows],
-            static_uav=[hovering.fleet.ids[row] if row != NOBODY else "" for row in static_owner],
-            static_covered=hovering.flight.covered(x, y)[rows],
-        )
-        self.recorder.add(
-            "uavs",
-            step=step,
-            uav=flying.fleet.ids,
-            x=flying.fleet.x,
-            y=flying.fleet.y,
-            zone=flying.fleet.zone,
-            selected=flying.flight.selected,
-            battery=flying.fleet.battery,
-            action=flying.flight.actions,
-            static_x=hovering.fleet.x,
-            static_y=hovering.fleet.y,
-            static_zone=hovering.fleet.zone,
-            static_selected=hovering.flight.selected,
-        )
-
     def record(self, folder: Path) -> None:
         """Write the tables."""
-        steps, events = zip(*self.events, strict=True)
-        self.recorder.add(
-            "events",
-            block=[event.block for event in events],
-            tx=[event.transaction for event in events],
-            log=[event.index for event in events],
-            step=steps,
-            name=[event.name for event in events],
-            args=[json.dumps(event.args) for event in events],
-        )
-        parties = self.consortium.parties()
-        self.recorder.add("accounts", name=list(parties), address=list(parties.values()), kind="party")
-        for kind, agents in (("vehicle", self.vehicles), ("uav", self.uavs)):
-            self.recorder.add("accounts", name=[a.name for a in agents], address=[a.address for a in agents], kind=kind)
-        self.recorder.write(folder)
+        accounts = {
+            "party": self.consortium.parties(),
+            "vehicle": {agent.name: agent.address for agent in self.vehicles},
+            "uav": {agent.name: agent.address for agent in self.uavs},
+        }
+        self.written.write(folder, self.events, accounts)
 
     def summary(self, periods: int) -> dict[str, Any]:
         """The figures of the run; see docs/reference/run-folder.md."""
@@ -527,42 +388,6 @@ class _Run:
             "attribution": self.tracks.attribution,
             "chain_seconds": round(self.chain_seconds, 3),
         }
-
-
-class _Team:
-    """A fleet, the selection it flies (or hovers) over, and its sums over the run."""
-
-    def __init__(self, scenario: Scenario, fleet: Fleet, grid: ZoneGrid, demand: IntArray) -> None:
-        self.fleet = fleet
-        self.flight = Flight(scenario, fleet, grid, demand)
-        self.served: list[int] = []
-        self.ever_served: set[int] = set()
-        self._zone_of_owner = np.zeros(len(demand), dtype=np.int64)
-        self._areas: list[Measure] = []
-
-    def assign(self, owner: IntArray, policies: Mapping[int, Policy]) -> None:
-        """Begin a period."""
-        self.flight.assign(owner, policies)
-        self._zone_of_owner = np.where(owner != NOBODY, self.fleet.zone[owner], 0)
-        self.served.append(int((owner != NOBODY).sum()))
-        self.ever_served |= set(np.flatnonzero(owner != NOBODY).tolist())
-
-    def measure(self, x: FloatArray, y: FloatArray, count: bool) -> list[Measure]:
-        """Measure a step; ``count`` it in the run's figures."""
-        measures = self.flight.measure(x, y, self._zone_of_owner)
-        if count:
-            self._areas.append(measures[-1])
-        return measures
-
-    @property
-    def coverage(self) -> float:
-        """Covered over served, summed over the counted steps; 1 where nobody was served."""
-        vehicles = sum(area.vehicles for area in self._areas)
-        return round(sum(area.covered for area in self._areas) / vehicles, 6) if vehicles else 1.0
-
-    def mean(self, name: str) -> float:
-        """Mean of a measure over the counted steps."""
-        return round(float(np.mean([getattr(area, name) for area in self._areas])), 6)
 
 
 def _mean(values: Sequence[float]) -> float | None:

@@ -1,0 +1,160 @@
+"""What a run leaves behind, row by row; the columns are `skyrelay.simulation.recorder.SCHEMAS`."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skyrelay.chain.abi import Event
+from skyrelay.core.zones import ZoneGrid
+from skyrelay.mobility import Tracks
+from skyrelay.protocol.zone_view import ZoneView
+from skyrelay.simulation.flight import NOBODY, Measure
+from skyrelay.simulation.recorder import Recorder
+from skyrelay.simulation.team import Team
+from skyrelay.simulation.world import Members
+
+
+class Record:
+    """The record of one run.
+
+    Args:
+        tracks, grid, members: of the run.
+        step_seconds: [s].
+        flying, hovering: the fleet that follows its vehicles, and the one that it is compared with.
+    """
+
+    def __init__(
+        self, tracks: Tracks, grid: ZoneGrid, members: Members, step_seconds: float, flying: Team, hovering: Team
+    ) -> None:
+        self._tracks, self._grid, self._members, self._step_seconds = tracks, grid, members, step_seconds
+        self._flying, self._hovering = flying, hovering
+        self._recorder = Recorder()
+
+    def period(self, period: int, step: int, views: Iterable[ZoneView], name_of: Callable[[str], str]) -> None:
+        """The records on the chain that the period's selection works with; ``name_of`` a UAV's address."""
+        for view in views:
+            uavs = view.uavs
+            if len(uavs):
+                self._recorder.add(
+                    "fleet",
+                    period=period,
+                    uav=[name_of(address) for address in uavs.ids],
+                    zone=uavs.zone,
+                    x=uavs.x,
+                    y=uavs.y,
+                    bandwidth_kbps=uavs.bandwidth.astype(np.int32),
+                    battery=uavs.battery,
+                    reputation=uavs.reputation,
+                )
+        tracks, members = self._tracks, self._members
+        rows = np.flatnonzero(np.isfinite(tracks.x[step]))
+        x, y = tracks.x[step, rows], tracks.y[step, rows]
+        self._recorder.add(
+            "members",
+            period=period,
+            vehicle=[tracks.ids[row] for row in rows],
+            zone=self._grid.zone_of(x, y),
+            x=x.round(1),
+            y=y.round(1),
+            demand_kbps=members.demand[rows],
+            payment=members.payment[rows].astype(np.float64),
+            reputation=members.reputation[rows],
+        )
+
+    def candidates(self, period: int, vehicle: str, weighed: Mapping[str, float]) -> None:
+        """The QoU of each UAV (by name) that a vehicle weighed in a period's first round."""
+        self._recorder.add("candidates", period=period, vehicle=vehicle, uav=list(weighed), qou=list(weighed.values()))
+
+    def proposals(self, proposals: Sequence[Mapping[str, Any]]) -> None:
+        """Every proposal of a period, and whether its UAV held on to it to the end."""
+        if not proposals:
+            return
+        same = ("period", "round", "zone", "qou", "qov", "score", "accepted", "order")
+        self._recorder.add(
+            "proposals",
+            **{key: [row[key] for row in proposals] for key in same},
+            vehicle=[self._tracks.ids[row["vehicle"]] for row in proposals],
+            uav=[self._flying.fleet.ids[row["uav"]] for row in proposals],
+            demand_kbps=[int(self._members.demand[row["vehicle"]]) for row in proposals],
+        )
+
+    def step(self, step: int) -> None:
+        """Everyone's place at a step, and how well every zone is served."""
+        x, y = self._tracks.x[step], self._tracks.y[step]
+        flying, hovering = self._flying, self._hovering
+        measured = {m.zone: m for m in flying.measure(x, y, count=step > 0)}
+        static = {m.zone: m for m in hovering.measure(x, y, count=step > 0)}
+        zones = sorted(measured)
+        nothing = Measure(0, 0, 0, math.nan, math.nan, math.nan, 0.0)
+        self._recorder.add(
+            "metrics",
+            step=step,
+            time=step * self._step_seconds,
+            zone=zones,
+            vehicles=[measured[zone].vehicles for zone in zones],
+            covered=[measured[zone].covered for zone in zones],
+            coverage=[measured[zone].coverage for zone in zones],
+            connectivity=[measured[zone].connectivity for zone in zones],
+            connectivity_neighbor=[measured[zone].connectivity_neighbor for zone in zones],
+            served_mbps=[measured[zone].served_mbps for zone in zones],
+            energy_percent=float(flying.fleet.battery.mean()),
+            static_coverage=[static.get(zone, nothing).coverage for zone in zones],
+            static_connectivity=[static.get(zone, nothing).connectivity for zone in zones],
+        )
+        rows = np.flatnonzero(np.isfinite(x))
+        owner, static_owner = flying.flight.owner[rows], hovering.flight.owner[rows]
+        self._recorder.add(
+            "vehicles",
+            step=step,
+            vehicle=[self._tracks.ids[row] for row in rows],
+            x=x[rows],
+            y=y[rows],
+            zone=self._grid.zone_of(x[rows], y[rows]),
+            uav=[flying.fleet.ids[row] if row != NOBODY else "" for row in owner],
+            covered=flying.flight.covered(x, y)[rows],
+            static_uav=[hovering.fleet.ids[row] if row != NOBODY else "" for row in static_owner],
+            static_covered=hovering.flight.covered(x, y)[rows],
+        )
+        self._recorder.add(
+            "uavs",
+            step=step,
+            uav=flying.fleet.ids,
+            x=flying.fleet.x,
+            y=flying.fleet.y,
+            zone=flying.fleet.zone,
+            selected=flying.flight.selected,
+            battery=flying.fleet.battery,
+            action=flying.flight.actions,
+            static_x=hovering.fleet.x,
+            static_y=hovering.fleet.y,
+            static_zone=hovering.fleet.zone,
+            static_selected=hovering.flight.selected,
+        )
+
+    def write(
+        self, folder: Path, events: Sequence[tuple[int, Event]], accounts: Mapping[str, Mapping[str, str]]
+    ) -> None:
+        """Add what is known at the end, and write the tables.
+
+        Args:
+            events: of the contract, each with its step.
+            accounts: by kind, the address of each name.
+        """
+        self._recorder.add(
+            "events",
+            block=[event.block for _, event in events],
+            tx=[event.transaction for _, event in events],
+            log=[event.index for _, event in events],
+            step=[step for step, _ in events],
+            name=[event.name for _, event in events],
+            args=[json.dumps(event.args) for _, event in events],
+        )
+        for kind, addresses in accounts.items():
+            self._recorder.add("accounts", name=list(addresses), address=list(addresses.values()), kind=kind)
+        self._recorder.write(folder)

@@ -1,0 +1,85 @@
+"""A fleet over its vehicles: who serves whom, and how well it goes over the run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from skyrelay.core.entities import FloatArray, IntArray, UavTable, VehicleTable
+from skyrelay.core.scenario import Scenario
+from skyrelay.core.zones import ZoneGrid
+from skyrelay.mobility import Tracks
+from skyrelay.policy import Policy
+from skyrelay.selection import select
+from skyrelay.simulation.flight import NOBODY, Flight, Measure
+from skyrelay.simulation.world import Fleet, Members
+
+
+class Team:
+    """A fleet, the selection it flies (or hovers) over, and its sums over the run."""
+
+    def __init__(self, scenario: Scenario, fleet: Fleet, grid: ZoneGrid, demand: IntArray) -> None:
+        self.fleet = fleet
+        self._grid, self._settings = grid, scenario.selection
+        self.flight = Flight(scenario, fleet, grid, demand)
+        self.served: list[int] = []
+        self.ever_served: set[int] = set()
+        self._zone_of_owner = np.zeros(len(demand), dtype=np.int64)
+        self._areas: list[Measure] = []
+
+    def assign(self, owner: IntArray, policies: Mapping[int, Policy]) -> None:
+        """Begin a period."""
+        self.flight.assign(owner, policies)
+        self._zone_of_owner = np.where(owner != NOBODY, self.fleet.zone[owner], 0)
+        self.served.append(int((owner != NOBODY).sum()))
+        self.ever_served |= set(np.flatnonzero(owner != NOBODY).tolist())
+
+    def selection(self, tracks: Tracks, members: Members, step: int) -> IntArray:
+        """[V] the row of each vehicle's UAV by the contract's rules, at this fleet's own positions, without a chain."""
+        rows = np.flatnonzero(np.isfinite(tracks.x[step]))
+        x, y = tracks.x[step, rows], tracks.y[step, rows]
+        fleet = self.fleet
+        airborne = np.flatnonzero(fleet.zone > 0)
+        vehicles = VehicleTable(
+            ids=tuple(tracks.ids[row] for row in rows),
+            x=x,
+            y=y,
+            zone=self._grid.zone_of(x, y),
+            demand=members.demand[rows].astype(np.float64),
+            payment=members.payment[rows].astype(np.float64),
+            reputation=members.reputation[rows],
+        )
+        uavs = UavTable(
+            ids=tuple(fleet.ids[row] for row in airborne),
+            x=fleet.x[airborne],
+            y=fleet.y[airborne],
+            zone=fleet.zone[airborne],
+            bandwidth=fleet.bandwidth[airborne].astype(np.float64),
+            battery=fleet.battery[airborne],
+            reputation=fleet.reputation[airborne],
+        )
+        index = np.full(len(fleet.ids) + 1, NOBODY)  # the last one stands for nobody
+        index[airborne] = np.arange(len(airborne))
+        incumbent = index[self.flight.owner[rows]]
+        chosen = select(vehicles, uavs, settings=self._settings, incumbent=incumbent).assignment
+        owner = np.full(len(tracks.ids), NOBODY)
+        owner[rows[chosen >= 0]] = airborne[chosen[chosen >= 0]]
+        return owner
+
+    def measure(self, x: FloatArray, y: FloatArray, count: bool) -> list[Measure]:
+        """Measure a step; ``count`` it in the run's figures."""
+        measures = self.flight.measure(x, y, self._zone_of_owner)
+        if count:
+            self._areas.append(measures[-1])
+        return measures
+
+    @property
+    def coverage(self) -> float:
+        """Covered over served, summed over the counted steps; 1 where nobody was served."""
+        vehicles = sum(area.vehicles for area in self._areas)
+        return round(sum(area.covered for area in self._areas) / vehicles, 6) if vehicles else 1.0
+
+    def mean(self, name: str) -> float:
+        """Mean of a measure over the counted steps."""
+        return round(float(np.mean([getattr(area, name) for area in self._areas])), 6)
