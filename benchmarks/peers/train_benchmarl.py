@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from benchmarl.algorithms import IppoConfig
 from benchmarl.experiment import Callback, Experiment, ExperimentConfig
-from benchmarl.models import MlpConfig
+from egocentric_mlp import EgocentricMlpConfig
 from tensordict import TensorDict
 from torch import nn
 from torchrl.envs import ExplorationType, set_exploration_type
@@ -100,7 +100,7 @@ def main() -> None:
     algorithm.lmbda, algorithm.clip_epsilon, algorithm.critic_coef = preset.decay, preset.clip, preset.value
     algorithm.entropy_coef = options.entropy
     widths = list(preset.actor.hidden)
-    network = MlpConfig(num_cells=widths, layer_class=nn.Linear, activation_class=nn.ReLU, num_feature_dims=3)
+    network = EgocentricMlpConfig(num_cells=widths, layer_class=nn.Linear, activation_class=nn.ReLU)
     game = {"uavs": options.uavs, "vehicles": options.vehicles, "n": preset.actor.n}
     tests = GreedyTests(options)
     experiment = Experiment(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,6 +11,7 @@ import numpy as np
 import onnx
 import pytest
 
+from skyrelay.core.maps import map_names
 from skyrelay.learning import networks
 from skyrelay.learning.networks import FAST, PAPER, Architecture
 from skyrelay.learning.onnx import export
@@ -66,17 +69,25 @@ def card(n):
 
 @pytest.mark.parametrize(
     "architecture",
-    [PAPER, FAST, Architecture(n=7, channels=(4, 5), strides=(2, 1), pools=(1, 2), hidden=(6,))],
-    ids=["paper", "fast", "strided"],
+    [
+        PAPER,
+        FAST,
+        Architecture(n=7, channels=(4, 5), strides=(2, 1), pools=(1, 2), hidden=(6,)),
+        Architecture(n=7, channels=(), strides=(), pools=(), hidden=(6,)),
+        replace(FAST, maps=map_names(obstacles=True, energy=True)),
+    ],
+    ids=["paper", "fast", "strided", "connected", "options"],
 )
 def test_onnx_agrees_with_the_network(architecture):
     network = networks.actor(jax.random.key(4), architecture)
     # The first outputs are nearly equal by design; larger ones make a difference visible.
     network = eqx.tree_at(lambda net: net.layers[-1].weight, network, network.layers[-1].weight * 100)
-    content = export(network, card(architecture.n))
-    assert content == export(network, card(architecture.n))
+    about = card(architecture.n).model_copy(update={"maps": architecture.maps})
+    content = export(network, about)
+    assert content == export(network, about)
     policy = Policy.load(content)
-    maps = np.asarray(jax.random.uniform(jax.random.key(5), (64, 6, architecture.n, architecture.n)))
+    shape = (64, len(architecture.maps), architecture.n, architecture.n)
+    maps = np.asarray(jax.random.uniform(jax.random.key(5), shape))
     expected = np.asarray(network(maps))
     np.testing.assert_allclose(policy.logits(maps), expected, rtol=1e-3, atol=1e-4)
     top = np.sort(expected, axis=1)

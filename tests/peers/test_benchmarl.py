@@ -1,6 +1,7 @@
 """BenchMARL and TorchRL train on the game: in an environment of their own (make test-peers)."""
 
 import csv
+import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -78,3 +79,17 @@ def test_the_example_trains(algorithm, tmp_path):
     assert np.isfinite(values).all()
     (returns,) = tmp_path.glob("**/eval_reward_episode_reward_mean.csv")
     assert all(-20 <= float(row[1]) <= 0 for row in csv.reader(returns.open()))
+
+
+def test_the_peers_network_sees_what_ours_sees(monkeypatch):
+    import torch
+
+    from skyrelay.core.maps import PAPER_MAPS
+    from skyrelay.learning import egocentric
+
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks" / "peers")
+    theirs = importlib.import_module("egocentric_mlp")
+    maps = np.random.default_rng(0).random((2, 3, 6, 5, 5)).astype(np.float32)
+    ours = egocentric.egocentric(maps.reshape(6, 6, 5, 5), PAPER_MAPS)
+    seen = theirs.egocentric(torch.from_numpy(maps)).numpy().reshape(6, -1)
+    np.testing.assert_allclose(seen, ours, rtol=1e-5, atol=1e-5)

@@ -40,13 +40,15 @@ class JointNetwork(Network):
         super().__init__(key, architecture, outputs, gain)
         # The first layer sees the maps of all UAVs instead of one's six.
         layers = self.convolutions or self.layers
-        inputs = uavs * (architecture.maps * KERNEL**2 if self.convolutions else architecture.features)
+        inputs = uavs * (len(architecture.maps) * KERNEL**2 if self.convolutions else architecture.features)
         layers[0] = Linear.new(k_first, inputs, layers[0].bias.shape[0], 2.0**0.5)
 
     def __call__(self, maps: Float[Array, "batch uavs 6 n n"]) -> Float[Array, "batch outputs"]:
         """Logits of the combinations, or a value, for each team of the batch."""
         batch, uavs, channels, n, _ = maps.shape
-        return super().__call__(maps.reshape(batch, uavs * channels, n, n))
+        if self.convolutions:
+            return super().__call__(maps.reshape(batch, uavs * channels, n, n))
+        return self.conclude(self.look(maps.reshape(batch * uavs, channels, n, n)).reshape(batch, -1))
 
 
 class Centralized(Player):

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 
 from skyrelay.baselines.centralized import joint_actor
+from skyrelay.learning import egocentric
 from skyrelay.learning.networks import KERNEL, PADDING, Architecture, Network
 from skyrelay.learning.networks import actor as new_actor
 
@@ -32,13 +33,19 @@ def decentralized_cost(architecture: Architecture) -> Cost:
 
 def centralized_cost(architecture: Architecture, uavs: int) -> Cost:
     """Of the network that decides for a team; no weight is allocated for it."""
-    return _cost(eqx.filter_eval_shape(joint_actor, jax.random.key(0), architecture, uavs))
+    return _cost(eqx.filter_eval_shape(joint_actor, jax.random.key(0), architecture, uavs), looks=uavs)
 
 
-def _cost(network: Network) -> Cost:
-    """From the shapes of the weights: a layer uses each of them once, a convolution once in every cell."""
+def _cost(network: Network, looks: int = 1) -> Cost:
+    """From the shapes of the weights: a layer uses each of them once, a convolution once in every cell.
+
+    Args:
+        looks: how many UAVs' maps are looked at.
+    """
     architecture = network.architecture
     operations, side = 0, architecture.n
+    if architecture.egocentric:
+        operations += looks * egocentric.operations(architecture.n, architecture.maps)
     for layer, stride, pool in zip(network.convolutions, architecture.strides, architecture.pools, strict=True):
         side = (side + 2 * PADDING - KERNEL) // stride + 1
         operations += 2 * layer.weight.size * side**2

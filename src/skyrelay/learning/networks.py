@@ -15,8 +15,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from skyrelay.core.errors import UsageError
 from skyrelay.core.flight import ACTIONS
-from skyrelay.core.maps import CHANNELS
+from skyrelay.core.maps import PAPER_MAPS
+from skyrelay.learning import egocentric
 
 KERNEL = 3
 PADDING = 1
@@ -32,7 +34,8 @@ class Architecture:
         strides: of each convolution.
         pools: side and stride of the max-pooling after each convolution, ceiling mode; 1 for none.
         hidden: widths of the fully connected layers.
-        maps: input maps: the six, and those of the game's options.
+        maps: names of the input maps: the six, and those of the game's options.
+        egocentric: look at the maps from the UAV's place (`skyrelay.learning.egocentric`); without convolutions only.
     """
 
     n: int
@@ -40,28 +43,35 @@ class Architecture:
     strides: tuple[int, ...]
     pools: tuple[int, ...]
     hidden: tuple[int, ...]
-    maps: int = CHANNELS
+    maps: tuple[str, ...] = PAPER_MAPS
+    egocentric: bool = False
+
+    def __post_init__(self) -> None:
+        if self.egocentric and self.channels:
+            raise UsageError("architecture.egocentric", True, "no convolutions beside it")
 
     @property
     def features(self) -> int:
-        """Numbers that leave the convolutions."""
+        """Numbers that enter the fully connected layers."""
+        if self.egocentric:
+            return egocentric.width(self.n, self.maps)
         side = self.n
         for stride, pool in zip(self.strides, self.pools, strict=True):
             side = -(-((side + 2 * PADDING - KERNEL) // stride + 1) // pool)
-        return side * side * (self.channels[-1] if self.channels else self.maps)
+        return side * side * (self.channels[-1] if self.channels else len(self.maps))
 
     @property
     def parameters(self) -> int:
         """Of the actor, biases included."""
-        widths = (self.maps, *self.channels)
+        widths = (len(self.maps), *self.channels)
         convolutions = sum(a * KERNEL**2 * b + b for a, b in pairwise(widths))
         sizes = (self.features, *self.hidden, ACTIONS)
         return convolutions + sum(a * b + b for a, b in pairwise(sizes))
 
 
-FAST = Architecture(n=9, channels=(), strides=(), pools=(), hidden=(128, 64))
+FAST = Architecture(n=9, channels=(), strides=(), pools=(), hidden=(128, 64), egocentric=True)
 """No convolution: on a CPU it learns this game in a fraction of the time (docs/reference/policies.md)."""
-GENERALIST = Architecture(n=11, channels=(), strides=(), pools=(), hidden=(256, 128))
+GENERALIST = Architecture(n=11, channels=(), strides=(), pools=(), hidden=(256, 128), egocentric=True)
 """Finer maps and a wider net, for games of many scales."""
 GENERALIST_CRITIC = replace(GENERALIST, hidden=(128, 64))
 PAPER = Architecture(n=19, channels=(32, 64), strides=(1, 1), pools=(2, 1), hidden=(256, 128))
@@ -93,7 +103,7 @@ class Network(eqx.Module):
 
     def __init__(self, key: PRNGKeyArray, architecture: Architecture, outputs: int, gain: float) -> None:
         keys = iter(jax.random.split(key, len(architecture.channels) + len(architecture.hidden) + 1))
-        widths = (architecture.maps, *architecture.channels)
+        widths = (len(architecture.maps), *architecture.channels)
         sizes = (architecture.features, *architecture.hidden)
         relu = math.sqrt(2.0)
         self.convolutions = [Linear.new(next(keys), a * KERNEL**2, b, relu) for a, b in pairwise(widths)]
@@ -103,7 +113,13 @@ class Network(eqx.Module):
 
     def __call__(self, maps: Float[Array, "batch maps n n"]) -> Float[Array, "batch outputs"]:
         """Apply to a batch of normalised maps."""
+        return self.conclude(self.look(maps))
+
+    def look(self, maps: Float[Array, "batch maps n n"]) -> Float[Array, "batch features"]:
+        """What comes before the fully connected layers."""
         batch = maps.shape[0]
+        if self.architecture.egocentric:
+            return egocentric.egocentric(maps, self.architecture.maps)
         x = maps.reshape(batch, -1)
         if self.convolutions:
             x = x.T.reshape(*maps.shape[1:], batch)
@@ -112,6 +128,10 @@ class Network(eqx.Module):
             ):
                 x = max_pool(jax.nn.relu(convolve(convolution, x, stride)), pool)
             x = x.reshape(-1, batch).T
+        return x
+
+    def conclude(self, x: Float[Array, "batch features"]) -> Float[Array, "batch outputs"]:
+        """The fully connected layers."""
         for layer in self.layers[:-1]:
             x = jax.nn.relu(layer(x))
         return self.layers[-1](x)

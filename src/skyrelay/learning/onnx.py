@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,9 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from skyrelay.core.flight import ACTIONS
-from skyrelay.learning.networks import KERNEL, PADDING, Linear, Network
+from skyrelay.core.maps import GLOBAL_LOCATION, LOCATION_SCALE
+from skyrelay.learning.egocentric import PLACE_SCALE, kept, moved, offsets, same_everywhere
+from skyrelay.learning.networks import KERNEL, PADDING, Architecture, Linear, Network
 from skyrelay.policy.card import CARD_KEY, Card
 
 OPSET = 17
@@ -30,11 +33,13 @@ def export(actor: Network, card: Card) -> bytes:
         nodes.append(helper.make_node(operator, inputs, [output], **attributes))
         return output
 
-    def constant(name: str, value: np.ndarray) -> str:
-        weights.append(numpy_helper.from_array(np.ascontiguousarray(value, dtype=np.float32), name))
+    def constant(name: str, value: np.ndarray, dtype: type = np.float32) -> str:
+        weights.append(numpy_helper.from_array(np.asarray(value, dtype=dtype, order="C"), name))
         return name
 
-    widths = (architecture.maps, *architecture.channels)
+    if architecture.egocentric:
+        last = _egocentric(add, constant, architecture)
+    widths = (len(architecture.maps), *architecture.channels)
     for number, convolution in enumerate(actor.convolutions):
         stride, pool = architecture.strides[number], architecture.pools[number]
         kernel = constant(f"conv_{number}.weight", _kernel(convolution, widths[number]))
@@ -43,7 +48,8 @@ def export(actor: Network, card: Card) -> bytes:
         last = add("Relu", [last])
         if pool > 1:
             last = add("MaxPool", [last], kernel_shape=[pool] * 2, strides=[pool] * 2, ceil_mode=1)
-    last = add("Flatten", [last], axis=1)
+    if not architecture.egocentric:
+        last = add("Flatten", [last], axis=1)
     for number, layer in enumerate(actor.layers):
         weight = constant(f"fc_{number}.weight", np.asarray(layer.weight))
         bias = constant(f"fc_{number}.bias", np.asarray(layer.bias))
@@ -56,7 +62,7 @@ def export(actor: Network, card: Card) -> bytes:
     graph = helper.make_graph(
         nodes,
         "policy",
-        [helper.make_tensor_value_info("maps", TensorProto.FLOAT, ["batch", architecture.maps, n, n])],
+        [helper.make_tensor_value_info("maps", TensorProto.FLOAT, ["batch", len(architecture.maps), n, n])],
         [helper.make_tensor_value_info("logits", TensorProto.FLOAT, ["batch", ACTIONS])],
         weights,
     )
@@ -71,3 +77,34 @@ def _kernel(convolution: Linear, channels: int) -> np.ndarray:
     """From our matrix [9 x channels, outputs] to ONNX's [outputs, channels, 3, 3]."""
     weight = np.asarray(convolution.weight).reshape(KERNEL, KERNEL, channels, -1)
     return weight.transpose(3, 2, 0, 1)
+
+
+def _egocentric(add: Callable[..., str], constant: Callable[..., str], architecture: Architecture) -> str:
+    """The nodes of `skyrelay.learning.egocentric.egocentric`; returns the name of what they make."""
+    n, names = architecture.n, architecture.maps
+
+    def indices(name: str, numbers: Any) -> str:
+        return constant(name, np.asarray(numbers), np.int64)
+
+    location = add("Gather", ["maps", indices("own", GLOBAL_LOCATION)], axis=1)
+    table, padding = indices("offsets", offsets(n)), indices("one_after", [0, 0, 0, 1])
+    place_scale = constant("place_scale", np.array(PLACE_SCALE / LOCATION_SCALE))
+    location_scale = constant("location_scale", np.array(LOCATION_SCALE))
+    parts, shifts = [], []
+    for name, other in (("column", 1), ("row", 2)):
+        own = add("ReduceSum", [location, indices(f"{name}_sum", [other])], keepdims=0)
+        parts.append(add("Mul", [own, place_scale]))
+        share = add("Pad", [add("Div", [own, location_scale]), padding])
+        # [batch, 1, offsets, n]: the same for each map.
+        shifts.append(add("Unsqueeze", [add("Gather", [share, table], axis=1), indices(f"{name}_maps", [1])]))
+    across, along = shifts
+    seen = add("Gather", ["maps", indices("moved", moved(names))], axis=1)
+    seen = add("MatMul", [add("MatMul", [along, seen]), add("Transpose", [across], perm=[0, 1, 3, 2])])
+    parts.append(add("Flatten", [seen], axis=1))
+    if kept(names):
+        parts.append(add("Flatten", [add("Gather", ["maps", indices("kept", kept(names))], axis=1)], axis=1))
+    if numbers := same_everywhere(names):
+        same = add("Gather", ["maps", indices("same", numbers)], axis=1)
+        corner = [indices("corner_from", [0, 0]), indices("corner_to", [1, 1]), indices("corner_axes", [2, 3])]
+        parts.append(add("Flatten", [add("Slice", [same, *corner])], axis=1))
+    return add("Concat", parts, axis=1)

@@ -125,7 +125,7 @@ def training(
     if preset == "paper":
         # The table's horizon counts steps of a team; minibatches stay near 500 decisions whatever the team's size.
         base = replace(base, minibatches=8 * uavs[1])
-    maps = len(shape.maps)
-    base = replace(base, actor=replace(base.actor, maps=maps), critic=replace(base.critic, maps=maps))
+    actor, critic = (replace(network, maps=shape.maps) for network in (base.actor, base.critic))
+    base = replace(base, actor=actor, critic=critic)
     default = {"fast": 400_000, "generalist": 1_500_000, "paper": 1_000_000}[preset]
     return Training(preset, base, shape, domain, steps if steps is not None else default, seed)
