@@ -67,3 +67,13 @@ def test_without_drop_outs_nobody_leaves():
     played = states(shape, domain, steps=5)
     assert played.active.all()
     assert (played.owner == played.owner[0]).all()
+
+
+@pytest.mark.parametrize(
+    ("apart", "margin", "expected"), [(0.45, 0.0, 1), (0.45, 0.9, 1), (0.45, 1.1, 0), (0.55, 0.0, 0)]
+)
+def test_a_margin_shortens_the_links(apart, margin, expected):
+    shape, domain = Shape(2, 1, n=5), physical((2, 2), (1, 1))
+    state = game.reset(jax.random.key(0), shape, domain.draw(jax.random.key(1)))
+    state = replace(state, uavs=jnp.array([[0.1, 0.5], [0.1 + apart, 0.5]]))
+    assert game.linked(state, margin) == expected

@@ -11,6 +11,7 @@ import numpy as np
 import onnx
 import pytest
 
+from skyrelay.core.errors import UsageError
 from skyrelay.core.maps import map_names
 from skyrelay.learning import networks
 from skyrelay.learning.networks import FAST, PAPER, Architecture
@@ -102,3 +103,8 @@ def test_the_file_is_plain_onnx():
         ["Conv", "Relu", "MaxPool", "Conv", "Relu", "Flatten", "Gemm", "Relu", "Gemm", "Relu", "Gemm"]
     )
     assert sum(int(np.prod(tensor.dims)) for tensor in model.graph.initializer) == 1_692_969
+
+
+def test_no_convolutions_behind_the_egocentric_view():
+    with pytest.raises(UsageError, match=r"architecture.egocentric: is True; expected no convolutions"):
+        replace(PAPER, egocentric=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -104,3 +106,22 @@ def test_collecting_goes_through_time_limits(tiny):
     for _ in range(5):
         after, _, _ = collect(after)
     assert (np.asarray(after.games.time) < tiny.shape.steps).all()
+
+
+def test_a_link_margin_takes_links_near_the_edge_from_the_reward(tiny):
+    def rewards(margin):
+        # Without a discount the advantage is the reward less the value expected.
+        config = dataclasses.replace(tiny.hyperparameters, gamma=0.0, shaping=0.0, link_margin=margin)
+        learner = eqx.filter_jit(ppo.begin)(jax.random.key(0), config, tiny.shape, tiny.domain, tiny.updates)
+        _, experience, score = eqx.filter_jit(lambda learner: ppo.collect(learner, config, tiny.domain))(learner)
+        return np.asarray(experience.advantage + experience.value), experience, score
+
+    plain, experience, score = rewards(0.0)
+    some, _, _ = rewards(3.0)
+    none, _, _ = rewards(1000.0)
+    alone = np.asarray(experience.active).sum(-1) == 1
+    connected = np.where(alone, 0.0, score.connectivity)[..., None]
+    active = np.asarray(experience.active)
+    np.testing.assert_allclose((plain - none)[active], np.broadcast_to(connected, plain.shape)[active], atol=1e-5)
+    assert ((plain - some >= -1e-5) & (some - none >= -1e-5))[active].all()
+    assert connected.any()

@@ -26,7 +26,7 @@ from skyrelay.coordination.reward import Score, score
 from skyrelay.coordination.settings import Parameters, Shape
 from skyrelay.core import maps
 from skyrelay.core.errors import UsageError
-from skyrelay.core.flight import STAY
+from skyrelay.core.flight import STAY, connectivity, links
 
 _DRAWS = 9
 """Uniform numbers that a new vehicle takes. They come from one call: each call of the generator costs compile time."""
@@ -183,6 +183,13 @@ def measure(state: State) -> Score:
     position, parameters = state.traffic.position, state.parameters
     flying = None if state.charge is None else state.flying
     return score(state.uavs, state.active, position, state.served_by, parameters.reach, parameters.walls, flying)
+
+
+def linked(state: State, margin: float) -> Float[Array, ""]:
+    """1 where the team is connected by links that are ``margin`` steps of a UAV shorter than the range, else 0."""
+    reach = jnp.maximum(state.parameters.reach - margin * state.parameters.uav_step, 0.0)
+    whole: Array = connectivity(links(state.uavs, reach, state.flying), state.active).astype(state.uavs.dtype)
+    return whole
 
 
 def potential(state: State) -> Float[Array, " uavs"]:

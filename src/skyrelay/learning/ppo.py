@@ -50,6 +50,9 @@ class Hyperparameters:
         max_gradient: largest norm of the gradient.
         own_credit: learn from what each UAV answers for itself (`Score.credit`), not from the team's reward: the other
             UAVs' coverage is noise that its action hardly changes. Tests and evaluation always use the reward of Eq. 3.
+        link_margin: with own credit, links count only where they are so many steps of a UAV shorter than the range. A
+            team that learns at random moves finds its links cut at random, and gives them up for its vehicles where
+            the zone is wide; and the greedy policy moves further in a step than the one that explores.
         shaping: share of the training over which gamma Phi(s') - Phi(s) is added to the reward, its weight falling from
             1 to 0; Phi is `skyrelay.coordination.reward.potential`. 0 for never.
         symmetries: optimise on experience that is turned and mirrored at random.
@@ -70,6 +73,7 @@ class Hyperparameters:
     value: float = 0.5
     max_gradient: float = 0.5
     own_credit: bool = False
+    link_margin: float = 0.0
     shaping: float = 0.0
     symmetries: bool = False
 
@@ -172,6 +176,9 @@ def collect(
         reward = jnp.broadcast_to(transition.score.reward[:, None], value.shape)
         if config.own_credit:
             reward = transition.score.credit
+            if config.link_margin:
+                safe = jax.vmap(partial(game.linked, margin=config.link_margin))(moved)
+                reward = reward + (safe - transition.score.connectivity)[:, None]
         if config.shaping:
             change = config.gamma * jax.vmap(game.potential)(moved) - jax.vmap(game.potential)(games)
             reward = reward + shaping * change

@@ -91,8 +91,9 @@ _FAST = Hyperparameters(
     shaping=0.5,
     symmetries=True,
 )
-# Many scales ask for a finer map and a wider network; eight UAVs a game fill the minibatches.
-_GENERALIST = replace(_FAST, actor=GENERALIST, critic=GENERALIST_CRITIC, epochs=2, minibatches=8)
+# Many scales ask for a finer map and a wider network, and wide zones for links with something to spare; eight UAVs a
+# game fill the minibatches.
+_GENERALIST = replace(_FAST, actor=GENERALIST, critic=GENERALIST_CRITIC, epochs=2, minibatches=8, link_margin=0.75)
 # The table's values; what it leaves open (games side by side, minibatches of 500 decisions) is set here.
 _PAPER = Hyperparameters(
     actor=PAPER, critic=PAPER, games=40, horizon=100, epochs=20, minibatches=24, learning_rate=3e-4, anneal=False
