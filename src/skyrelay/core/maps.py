@@ -24,7 +24,8 @@ PAPER_MAPS = (
 """The six that every policy sees, in the order of their numbers."""
 OBSTACLE_MAPS = ("local_buildings", "global_buildings", "local_sight")
 """After the six where there are buildings: what is built, and from where how many own vehicles are covered."""
-ENERGY_MAPS = ("local_charger", "global_charger", "own_charge")
+OWN_CHARGE = "own_charge"
+ENERGY_MAPS = ("local_charger", "global_charger", OWN_CHARGE)
 """After those where charge counts: the charging point, and the UAV's own charge, the same in every cell."""
 
 LOCATION_SCALE = 4.0
@@ -79,7 +80,7 @@ def normalise(levels: Any, zoom: int, names: Sequence[str] = PAPER_MAPS) -> Any:
         "local_sight": share * (SIGHT_SCALE * whole / VEHICLE_SCALE),
         "local_charger": location,
         "global_charger": location,
-        "own_charge": CHARGE_SCALE / FULL_CHARGE,
+        OWN_CHARGE: CHARGE_SCALE / FULL_CHARGE,
     }
     factors = xp.stack([scales[name] * one for name in names], axis=-1)
     return maps * factors[..., None, None]
