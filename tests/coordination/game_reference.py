@@ -125,7 +125,7 @@ def obstacle_maps(uavs, vehicles, owner, reach, walls, buildings, n, zoom):
         [[any(inside(((x + 0.5) / cells, (y + 0.5) / cells), b) for b in buildings) for x in range(cells)]
          for y in range(cells)]
     )  # fmt: skip
-    result = np.zeros((len(uavs), 3, n, n))
+    result = np.zeros((len(uavs), 4, n, n))
     for i in range(len(uavs)):
         left, low = (min(max(c - n // 2, 0), cells - n) for c in cell(uavs[i], cells))
         for y in range(n):
@@ -141,16 +141,17 @@ def obstacle_maps(uavs, vehicles, owner, reach, walls, buildings, n, zoom):
     return result
 
 
-def energy_maps(uavs, charger, charge, n, zoom):
-    """[N, 3, n, n] levels."""
+def energy_maps(uavs, charger, radius, flight, n, zoom):
+    """[N, 4, n, n] levels."""
     cells = n * zoom
     full = np.zeros((cells, cells), dtype=np.int64)
     column, row = cell(charger, cells)
     full[row, column] = 1
-    result = np.zeros((len(uavs), 3, n, n))
+    result = np.zeros((len(uavs), 4, n, n))
     for i in range(len(uavs)):
         left, low = (min(max(c - n // 2, 0), cells - n) for c in cell(uavs[i], cells))
         result[i, 0] = full[low : low + n, left : left + n] * (2 * zoom) ** 2
         result[i, 1] = bilinear(full, n, zoom)
-        result[i, 2] = round(255 * float(charge[i]))
+        result[i, 2] = round(255 * min(float(flight[i]) / 2, 1))
+        result[i, 3] = math.dist(uavs[i], charger) <= radius
     return result

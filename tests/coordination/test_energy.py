@@ -80,12 +80,16 @@ def test_the_potential_tells_when_to_turn_back(start):
 
 def test_maps_equal_the_plain_loops_in_the_game_and_in_flight(start):
     names = map_names(obstacles=False, energy=True)
+    point = np.asarray(start.parameters.charging.point)
+    start = replace(start, uavs=start.uavs.at[1].set(point + 0.05), charge=start.charge.at[2].set(0.1))
     maps = np.asarray(jax.jit(game.observe)(start))
     uavs, vehicles, owner, charge = (
         np.asarray(x) for x in (start.uavs, start.traffic.position, start.owner, start.charge)
     )
-    point = np.asarray(start.parameters.charging.point)
-    np.testing.assert_array_equal(maps[:, 6:], reference.energy_maps(uavs, point, charge, 5, 2))
+    flight = charge / float(start.parameters.charging.move) * float(start.parameters.uav_step)
+    assert flight[2] < 2 < flight.max()
+    np.testing.assert_array_equal(maps[:, 6:], reference.energy_maps(uavs, point, 0.1, flight, 5, 2))
+    assert maps[:, 9].any(axis=(1, 2)).tolist() == [False, True, False]
     corner, side = (-512.0, 2048.0), 1024.0
     flown = observe_team(
         uavs * side + corner,
@@ -97,8 +101,8 @@ def test_maps_equal_the_plain_loops_in_the_game_and_in_flight(start):
         n=5,
         zoom=2,
         names=names,
-        charger=tuple(point * side + corner),
-        charge=charge,
+        charger=(*(point * side + corner), 0.1 * side),
+        flight=flight * side,
     )
     np.testing.assert_allclose(flown, np.asarray(normalise(maps, 2, names)), rtol=1e-6)
 

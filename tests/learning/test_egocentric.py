@@ -40,7 +40,7 @@ def slow(maps, names):
             parts.append(view.ravel())
     local = ("local_buildings", "local_sight", "local_charger")
     parts += [maps[k].ravel() for k, name in enumerate(names) if name in local]
-    parts += [maps[k, 0, :1] for k, name in enumerate(names) if name == "own_charge"]
+    parts += [maps[k, 0, :1] for k, name in enumerate(names) if name in ("own_flight", "at_charger")]
     return np.concatenate(parts)
 
 

@@ -125,3 +125,17 @@ def test_a_link_margin_takes_links_near_the_edge_from_the_reward(tiny):
     np.testing.assert_allclose((plain - none)[active], np.broadcast_to(connected, plain.shape)[active], atol=1e-5)
     assert ((plain - some >= -1e-5) & (some - none >= -1e-5))[active].all()
     assert connected.any()
+
+
+@pytest.mark.parametrize(("pieces", "size"), [(2, 6), (4, 2), (3, 4)])
+def test_rows_with_a_uav_are_dealt_evenly_and_before_any_other(pieces, size):
+    random = np.random.default_rng(pieces)
+    for filled in (12, pieces * size, 3):
+        active = np.zeros(12, bool)
+        active[random.permutation(12)[:filled]] = True
+        dealt = np.asarray(ppo.dealt(jnp.asarray(random.permutation(12)), jnp.asarray(active), pieces, size))
+        assert dealt.shape == (pieces, size)
+        assert len(set(dealt.ravel().tolist())) == dealt.size
+        full = active[dealt].sum(1)
+        assert full.sum() == min(active.sum(), dealt.size)
+        assert full.max() - full.min() <= 1

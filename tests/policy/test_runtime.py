@@ -65,7 +65,7 @@ def future_opset(model):
         (with_card(n=1_000_000), "card: n"),
         (with_card(uavs=[0, 3]), "card: uavs"),
         (with_card(surprise=1), "card: surprise"),
-        (with_card(maps=[*PAPER_MAPS, *ENERGY_MAPS]), r"input: is .*expected \[batch, 9, 11, 11\]"),
+        (with_card(maps=[*PAPER_MAPS, *ENERGY_MAPS]), r"input: is .*expected \[batch, 10, 11, 11\]"),
         (with_card(maps=["local_location"]), "card: maps"),
         (wrong_outputs, r"output.*\[batch, 9\]"),
         (future_opset, "onnxruntime"),

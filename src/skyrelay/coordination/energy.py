@@ -78,6 +78,12 @@ class Batteries:
         )
 
 
+def at_charger(uavs: Float[Array, "uavs 2"], charging: Charging) -> Bool[Array, " uavs"]:
+    """Whether each UAV is within the charging point's radius."""
+    apart = uavs - charging.point
+    return jnp.sum(apart * apart, -1) <= charging.radius**2
+
+
 def spend(
     charge: Float[Array, " uavs"], uavs: Float[Array, "uavs 2"], moved: Bool[Array, " uavs"], charging: Charging
 ) -> Float[Array, " uavs"]:
@@ -86,8 +92,7 @@ def spend(
     Args:
         moved: whether the UAV's action was a move.
     """
-    apart = uavs - charging.point
-    charged = ~moved & (jnp.sum(apart * apart, -1) <= charging.radius**2)
+    charged = ~moved & at_charger(uavs, charging)
     flown = jnp.where(moved, charging.move, charging.hover)
     # Who is on the ground spends nothing.
     change = jnp.where(charged, charging.gain, jnp.where(charge > 0.0, -flown, 0.0))

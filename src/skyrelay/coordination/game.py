@@ -170,8 +170,10 @@ def observe(state: State) -> UInt8[Array, "uavs maps n n"]:
     if state.built is not None:
         own = served_by == jnp.arange(shape.uavs)[:, None]
         more += maps.obstacle_maps(window, own, position, parameters.reach, parameters.walls, state.built, n, zoom)
-    if parameters.charging is not None:
-        more += maps.energy_maps(window, parameters.charging.point, state.charge, n, zoom)
+    charging = parameters.charging
+    if state.charge is not None and charging is not None:
+        flight = state.charge / jnp.maximum(charging.move, 1e-6) * parameters.uav_step
+        more += maps.energy_maps(window, charging.point, flight, energy.at_charger(state.uavs, charging), n, zoom)
     if not more:
         return six
     further = jnp.where(state.active[:, None, None, None], jnp.stack(more, axis=1), 0)
@@ -197,7 +199,7 @@ def potential(state: State) -> Float[Array, " uavs"]:
     position, parameters = state.traffic.position, state.parameters
     value = reward.potential(
         state.uavs,
-        state.active,
+        state.flying,
         position,
         state.served_by,
         parameters.reach,

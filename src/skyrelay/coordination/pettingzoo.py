@@ -19,8 +19,9 @@ from skyrelay.core.errors import UsageError
 from skyrelay.core.flight import ACTIONS, STAY
 from skyrelay.core.maps import (
     BUILDING_SCALE,
-    CHARGE_SCALE,
+    CHARGER_SCALE,
     COVERAGE_SCALE,
+    FLIGHT_SCALE,
     LOCATION_SCALE,
     SIGHT_SCALE,
     TEAM_SCALE,
@@ -74,7 +75,8 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
             "local_sight": SIGHT_SCALE,
             "local_charger": LOCATION_SCALE,
             "global_charger": LOCATION_SCALE,
-            "own_charge": CHARGE_SCALE,
+            "own_flight": FLIGHT_SCALE,
+            "at_charger": CHARGER_SCALE,
         }
         top = np.array([tops[name] for name in shape.maps], np.float32)
         high = np.broadcast_to(top[:, None, None], (len(top), shape.n, shape.n))

@@ -26,7 +26,8 @@ class Score(NamedTuple):
         connectivity: 1 where a path of links joins every two UAVs, else 0.
         connectivity_neighbor: 1 where each UAV has at least one neighbour, else 0 (the paper's results text).
         credit: of each UAV, what it answers for itself: minus the share of all vehicles that are its own and out of its
-            range, plus (connectivity - 1). Summed over the team, the coverage part is Eq. 3's.
+            range, plus (connectivity - 1). Summed over the team, the coverage part is Eq. 3's. Where charge counts,
+            those in the air answer for the links between them, one on the ground for the cut that it makes.
     """
 
     reward: Float[Array, ""]
@@ -61,7 +62,8 @@ def score(
     connected = connectivity(graph, active).astype(covered.dtype)
     neighbored = connectivity_neighbor(graph, active).astype(covered.dtype)
     reward = (covered - 1.0) + (connected - 1.0)
-    return Score(reward, covered, connected, neighbored, (connected - 1.0) - share)
+    joined = connected if flying is None else jnp.where(flying, connectivity(graph, flying), 0.0)
+    return Score(reward, covered, connected, neighbored, (joined - 1.0) - share)
 
 
 def potential(

@@ -7,6 +7,8 @@ from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skyrelay.coordination.energy import Batteries, Charging
@@ -112,6 +114,8 @@ class Domain:
         drop_out: as in `Parameters`, in games with drop-outs.
         cities: what is built; None for open ground.
         batteries: of games with energy; None for those without.
+        even: small teams come up more often (as one over their size), so that teams of each size make about as many
+            decisions; else each size comes up as often.
     """
 
     uavs: tuple[int, int]
@@ -129,12 +133,26 @@ class Domain:
     drop_out: Interval = (0.0, 0.0)
     cities: Cities | None = None
     batteries: Batteries | None = None
+    even: bool = False
 
     def __post_init__(self) -> None:
         for name in ("uavs", "vehicles"):
             low, high = getattr(self, name)
             if not 1 <= low <= high:
                 raise UsageError(f"game.{name}", f"{low}-{high}", "at least 1, the smaller number first")
+
+    @property
+    def team_sizes(self) -> npt.NDArray[np.float64]:
+        """[sizes] how likely each team size is, from the smallest to the largest."""
+        sizes = np.arange(self.uavs[0], self.uavs[1] + 1)
+        weights = 1.0 / sizes if self.even else np.ones(len(sizes))
+        shares: npt.NDArray[np.float64] = weights / weights.sum()
+        return shares
+
+    @property
+    def mean_uavs(self) -> float:
+        """UAVs of a game on average."""
+        return float(self.team_sizes @ np.arange(self.uavs[0], self.uavs[1] + 1))
 
     def draw(self, key: PRNGKeyArray) -> Parameters:
         """The parameters of one game."""
@@ -146,11 +164,15 @@ class Domain:
         def count(bounds: tuple[int, int]) -> Array:
             return jnp.minimum(bounds[0] + ((bounds[1] - bounds[0] + 1) * next(draws)).astype(jnp.int32), bounds[1])
 
+        def team() -> Array:
+            bounds = jnp.asarray(self.team_sizes.cumsum()[:-1], jnp.float32)
+            return self.uavs[0] + jnp.searchsorted(bounds, next(draws), side="right").astype(jnp.int32)
+
         low, high = self.uav_step
         uav_step = low * (high / low) ** between((0.0, 1.0))
         fastest = uav_step * between(self.speed_ratio)
         return Parameters(
-            uavs=count(self.uavs),
+            uavs=team(),
             vehicles=count(self.vehicles),
             reach=1.0 / between(self.ratio),
             uav_step=uav_step,
@@ -213,4 +235,5 @@ def varied(uavs: tuple[int, int] = (2, 8), vehicles: tuple[int, int] = (1, 40)) 
         astray=(0.0, 0.5),
         waypoint=0.3,
         drop_out=(0.0, 0.002),
+        even=True,
     )

@@ -24,9 +24,10 @@ PAPER_MAPS = (
 """The six that every policy sees, in the order of their numbers."""
 OBSTACLE_MAPS = ("local_buildings", "global_buildings", "local_sight")
 """After the six where there are buildings: what is built, and from where how many own vehicles are covered."""
-OWN_CHARGE = "own_charge"
-ENERGY_MAPS = ("local_charger", "global_charger", OWN_CHARGE)
-"""After those where charge counts: the charging point, and the UAV's own charge, the same in every cell."""
+EVERYWHERE = ("own_flight", "at_charger")
+"""Maps that are one number, the same in every cell."""
+ENERGY_MAPS = ("local_charger", "global_charger", *EVERYWHERE)
+"""After those where charge counts: the charging point, how far the UAV can still fly, whether hovering here charges."""
 
 LOCATION_SCALE = 4.0
 TEAM_SCALE = 2.0
@@ -34,15 +35,17 @@ COVERAGE_SCALE = 0.1
 VEHICLE_SCALE = 8.0
 BUILDING_SCALE = 0.5
 SIGHT_SCALE = 1.0
-CHARGE_SCALE = 0.5
+FLIGHT_SCALE = 2.0
+CHARGER_SCALE = 1.0
 """What a UAV's own cell, a team mate, a UAV that covers a whole block, all own vehicles together, a built-up cell, all
-own vehicles in sight and a full charge come to.
+own vehicles in sight, a flight of `FAR` zone sides and being at the charging point come to.
 
 Maps of one cell and maps of many then weigh about the same, which is what a network learns fastest from.
 """
 
-FULL_CHARGE = 255
-"""The level of a full charge."""
+FAR = 2.0
+"""Zone sides that a UAV can still fly, beyond which it need not know: there and back is less."""
+FAR_LEVEL = 255
 
 
 def map_names(*, obstacles: bool, energy: bool) -> tuple[str, ...]:
@@ -80,7 +83,8 @@ def normalise(levels: Any, zoom: int, names: Sequence[str] = PAPER_MAPS) -> Any:
         "local_sight": share * (SIGHT_SCALE * whole / VEHICLE_SCALE),
         "local_charger": location,
         "global_charger": location,
-        OWN_CHARGE: CHARGE_SCALE / FULL_CHARGE,
+        "own_flight": FLIGHT_SCALE / FAR_LEVEL,
+        "at_charger": CHARGER_SCALE,
     }
     factors = xp.stack([scales[name] * one for name in names], axis=-1)
     return maps * factors[..., None, None]
@@ -145,23 +149,28 @@ def footprint(walls: Any, cells: int) -> Any:
     return xp.sum(turns, axis=-1) != 0
 
 
-def energy_maps(window: Any, charger: Any, charge: Any, n: int, zoom: int) -> tuple[Any, Any, Any]:
+def energy_maps(
+    window: Any, charger: Any, flight: Any, at_charger: Any, n: int, zoom: int
+) -> tuple[Any, Any, Any, Any]:
     """`ENERGY_MAPS` of every UAV, as levels.
 
     Args:
         window: [N, 2] as in `obstacle_maps`.
         charger: [2] the charging point [zone sides].
-        charge: [N] in [0, 1].
+        flight: [N] how far each can still fly [zone sides].
+        at_charger: [N] whether it is within the charging point's radius.
     Returns: [N, n, n] each.
     """
-    xp = charge.__array_namespace__()
+    xp = flight.__array_namespace__()
     cells, whole = n * zoom, (2 * zoom) ** 2
     cell = cell_of(charger, cells)
     columns, rows = (window[:, axis, None] + xp.arange(n) == cell[axis] for axis in (0, 1))
     local = whole * xp.astype(rows[:, :, None] & columns[:, None, :], xp.int32)
     x, y = (_tent(cell[axis], n, zoom) for axis in (0, 1))
-    level = xp.round(charge * FULL_CHARGE)[:, None, None]
-    return local, xp.broadcast_to(y[:, None] * x[None, :], local.shape), xp.broadcast_to(level, local.shape)
+    far = xp.round(xp.clip(flight / FAR, 0.0, 1.0) * FAR_LEVEL)
+    numbers = (far, xp.astype(at_charger, far.dtype))
+    everywhere = (xp.broadcast_to(number[:, None, None], local.shape) for number in numbers)
+    return local, xp.broadcast_to(y[:, None] * x[None, :], local.shape), *everywhere
 
 
 def cell_of(position: Any, cells: int) -> Any:

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Float
 
-from skyrelay.core.maps import GLOBAL_LOCATION, LOCATION_SCALE, OWN_CHARGE, PAPER_MAPS
+from skyrelay.core.maps import EVERYWHERE, GLOBAL_LOCATION, LOCATION_SCALE, PAPER_MAPS
 
 PLACE_SCALE = 2.0
 """What the UAV's own column comes to, and its row: of the size of the other inputs (`skyrelay.core.maps`)."""
@@ -38,7 +38,7 @@ def kept(names: Sequence[str]) -> list[int]:
 
 def same_everywhere(names: Sequence[str]) -> list[int]:
     """Numbers of the maps that are the same in every cell."""
-    return [k for k, name in enumerate(names) if name == OWN_CHARGE]
+    return [k for k, name in enumerate(names) if name in EVERYWHERE]
 
 
 def width(n: int, names: Sequence[str]) -> int:

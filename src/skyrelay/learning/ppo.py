@@ -7,6 +7,7 @@ once and called until the steps are spent. A leading axis of seeds can be added 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any, NamedTuple
@@ -279,6 +280,10 @@ def update(
 
     k_shuffle, k_side, key = jax.random.split(learner.key, 3)
     orders = jax.vmap(lambda k: jax.random.permutation(k, count))(jax.random.split(k_shuffle, config.epochs))
+    if domain.mean_uavs < shape.uavs:
+        # Many rows are empty: a pass takes as many as hold a UAV on average.
+        size = math.ceil(count * domain.mean_uavs / shape.uavs) // config.minibatches
+        orders = jax.vmap(lambda order: dealt(order, rows.active, config.minibatches, size).reshape(-1))(orders)
     pieces = orders[:, : size * config.minibatches].reshape(-1, size)
     sides = jax.random.randint(k_side, pieces.shape[:1], 0, SYMMETRIES)
     (arrays, state), parts = jax.lax.scan(optimise, (arrays, learner.optimizer), (pieces, sides))
@@ -287,6 +292,14 @@ def update(
     metrics = {name: jnp.mean(value) for name, value in parts.items()}
     metrics |= {name: jnp.mean(value) for name, value in score._asdict().items() if name != "credit"}
     return Learner(actor, critic, state, learner.games, key, learner.updates + 1), metrics
+
+
+def dealt(
+    order: Int[Array, " rows"], active: Bool[Array, " rows"], pieces: int, size: int
+) -> Int[Array, "pieces size"]:
+    """Rows in this order, those with a UAV first, dealt out one by one to the pieces; what is over is left out."""
+    order = order[jnp.argsort(~active[order], stable=True)]
+    return order[: pieces * size].reshape(size, pieces).T
 
 
 def turned(batch: Experience, side: Int[Array, ""]) -> Experience:

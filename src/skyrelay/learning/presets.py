@@ -128,5 +128,5 @@ def training(
         base = replace(base, minibatches=8 * uavs[1])
     actor, critic = (replace(network, maps=shape.maps) for network in (base.actor, base.critic))
     base = replace(base, actor=actor, critic=critic)
-    default = {"fast": 400_000, "generalist": 1_500_000, "paper": 1_000_000}[preset]
+    default = {"fast": 400_000, "generalist": 10_000_000, "paper": 1_000_000}[preset]
     return Training(preset, base, shape, domain, steps if steps is not None else default, seed)

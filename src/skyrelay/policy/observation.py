@@ -42,8 +42,8 @@ def observe(
     zoom: int,
     names: Sequence[str] = PAPER_MAPS,
     walls: Floats | None = None,
-    charger: tuple[float, float] | None = None,
-    charge: float | None = None,
+    charger: tuple[float, float, float] | None = None,
+    flight: float | None = None,
 ) -> Maps:
     """The maps of one UAV, from what it knows: itself, its team, its own vehicles, the city and its battery.
 
@@ -56,16 +56,16 @@ def observe(
         reach: range of its links [m].
         n, zoom, names: of the policy's maps (its card tells).
         walls: [W, 5] of the buildings (`skyrelay.core.flight.in_sight`) [m]; None on open ground, whose maps are empty.
-        charger: the charging point [m]; None where there is none.
-        charge: its own, from 0 to 1; None where it does not count.
+        charger: x, y and radius of the charging point [m]; None where there is none.
+        flight: how far its charge carries it [m]; None where charge does not count.
     Returns: [maps, n, n], normalised. Positions outside the zone are shown at its border.
     """
     uavs = np.vstack([np.asarray(own_xy).reshape(1, 2), np.asarray(team_xy).reshape(-1, 2)])
     vehicles = np.asarray(vehicles_xy).reshape(-1, 2)
     owner = np.zeros(len(vehicles), dtype=np.int64)
-    charges = None if charge is None else np.array([charge])
+    flights = None if flight is None else np.array([flight])
     maps: Maps = _maps(
-        uavs, vehicles, owner, zone_corner, zone_side, reach, n, zoom, names, walls, charger, charges, seers=1
+        uavs, vehicles, owner, zone_corner, zone_side, reach, n, zoom, names, walls, charger, flights, seers=1
     )[0]
     return maps
 
@@ -82,8 +82,8 @@ def observe_team(
     zoom: int,
     names: Sequence[str] = PAPER_MAPS,
     walls: Floats | None = None,
-    charger: tuple[float, float] | None = None,
-    charge: Floats | None = None,
+    charger: tuple[float, float, float] | None = None,
+    flight: Floats | None = None,
 ) -> Maps:
     """The maps of every UAV of a team at once: for UAV i the same as `observe` with its own vehicles.
 
@@ -91,7 +91,7 @@ def observe_team(
         uavs_xy: [N, 2] positions [m].
         vehicles_xy: [V, 2] positions [m]; NaN where a vehicle is not there.
         owner: [V] row of the UAV that serves each vehicle; negative for none.
-        charge: [N] of each UAV, from 0 to 1; None where it does not count.
+        flight: [N] how far its charge carries each UAV [m]; None where charge does not count.
         zone_corner, zone_side, reach, n, zoom, names, walls, charger: as in `observe`.
     Returns: [N, maps, n, n], normalised.
     """
@@ -107,7 +107,7 @@ def observe_team(
         names,
         walls,
         charger,
-        charge,
+        flight,
         seers=len(uavs_xy),
     )
 
@@ -123,8 +123,8 @@ def _maps(
     zoom: int,
     names: Sequence[str],
     walls: Floats | None,
-    charger: tuple[float, float] | None,
-    charge: Floats | None,
+    charger: tuple[float, float, float] | None,
+    flight: Floats | None,
     seers: int,
 ) -> Maps:
     """[seers, maps, n, n] maps of the first ``seers`` UAVs, to whom all vehicles belong."""
@@ -165,10 +165,11 @@ def _maps(
         own = of == seer[:, None]
         built = footprint(zone_walls, cells)
         more += obstacle_maps(window[:seers], own, vehicles, reach / zone_side, zone_walls, built, n, zoom)
-    if charger is not None and charge is not None:
+    if charger is not None and flight is not None:
         has += ENERGY_MAPS
-        point = (np.asarray(charger, dtype=np.float64) - corner) / zone_side
-        more += energy_maps(window[:seers], point, np.asarray(charge, dtype=np.float64), n, zoom)
+        point, radius = (np.array(charger[:2]) - corner) / zone_side, charger[2] / zone_side
+        near = ((uavs[:seers] - point) ** 2).sum(axis=-1) <= radius**2
+        more += energy_maps(window[:seers], point, np.asarray(flight, dtype=np.float64) / zone_side, near, n, zoom)
     if more:
         levels = np.concatenate([levels, np.stack(more, axis=1).astype(np.float32)], axis=1)
     maps: Maps = chosen(normalise(levels, zoom, has), has, names)

@@ -152,8 +152,10 @@ class Flight:
         """[len(team), maps, n, n]: what the team's UAVs see."""
         row_in_team = np.full(len(self.fleet.ids) + 1, NOBODY)  # the last one stands for nobody
         row_in_team[team] = np.arange(len(team))
-        reserve = self._energy.reserve
-        charge = (self.fleet.battery[team] - reserve) / max(100.0 - reserve, 1.0)  # the game's 0 is the ground
+        energy = self._energy
+        charger = (*charging_point(energy, self._grid, zone), energy.charging_radius)
+        left = (self.fleet.battery[team] - energy.reserve).clip(0.0)  # at the reserve it has to leave
+        minutes = left / max(energy.move_per_minute, 1e-9)
         return observe_team(
             self._positions(team),
             np.column_stack([x, y]),
@@ -165,8 +167,8 @@ class Flight:
             zoom=policy.card.zoom,
             names=policy.card.maps,
             walls=self._walls_near(zone),
-            charger=charging_point(self._energy, self._grid, zone) if self._energy.charge_per_minute > 0 else None,
-            charge=charge.clip(0.0, 1.0),
+            charger=charger if energy.charge_per_minute > 0 else None,
+            flight=minutes * 60.0 / self._seconds * self._stride,
         )
 
     def _walls_near(self, zone: int) -> FloatArray | None:
