@@ -126,6 +126,9 @@ def training(
     if preset == "paper":
         # The table's horizon counts steps of a team; minibatches stay near 500 decisions whatever the team's size.
         base = replace(base, minibatches=8 * uavs[1])
+    if games == "energy" and preset != "paper":
+        # What a step of charging is worth shows many steps later, and a UAV that explores hardly stays to be charged.
+        base = replace(base, entropy=0.03, gamma=0.97, shaping=1.0)
     actor, critic = (replace(network, maps=shape.maps) for network in (base.actor, base.critic))
     base = replace(base, actor=actor, critic=critic)
     default = {"fast": 400_000, "generalist": 10_000_000, "paper": 1_000_000}[preset]
