@@ -55,8 +55,7 @@ def fly(
     forget_programs()
     if player == SPECIALIST:
         config = training("fast", (uavs, uavs), (vehicles, vehicles), steps=steps)
-        domain = dataclasses.replace(config.domain, ratio=(ratio, ratio))
-        actor = _trained(dataclasses.replace(config, domain=domain))
+        actor = _trained(dataclasses.replace(config, domain=_domain(uavs, vehicles, ratio)))
         games, traces = _games(config.shape, uavs, vehicles, ratio, drop_out, trace, episodes)
         measures = play_from(Learned(actor=actor), unseen_key(EVALUATION_SEED), games, traces).measures
     elif cid is not None:
@@ -82,8 +81,12 @@ def _games(
     team, traffic = (uavs, uavs), (vehicles, vehicles)
     if trace is not None:
         return replayed_games(key, open_trace(trace)[0], episodes, shape, Setting(team, traffic, ratio=ratio))
-    domain: Domain = dataclasses.replace(physical(team, traffic, zone_side=ratio * REACH), drop_out=(drop_out,) * 2)
+    domain = dataclasses.replace(_domain(uavs, vehicles, ratio), drop_out=(drop_out, drop_out))
     return starts(key, episodes, dataclasses.replace(shape, drop_outs=drop_out > 0), domain), None
+
+
+def _domain(uavs: int, vehicles: int, ratio: float) -> Domain:
+    return physical((uavs, uavs), (vehicles, vehicles), zone_side=ratio * REACH)
 
 
 @lru_cache(maxsize=1)
