@@ -6,8 +6,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from skyrelay.policy import builtin_policies
-
 NUMBERS = ("--uavs", "2", "--vehicles", "2-5", "--episodes", "6", "--json")
 
 
@@ -34,7 +32,7 @@ def outcome(ended):
 
 def test_a_shipped_policy_on_a_trace_beats_standing_still(skyrelay, trace):
     options = ("--trace", trace, "--zone-side", 400, *NUMBERS)
-    policy = outcome(skyrelay("evaluate", builtin_policies()[0], *options))
+    policy = outcome(skyrelay("evaluate", "generalist", *options))
     static = outcome(skyrelay("baseline", "static", *options))
     assert policy["trace"] == static["trace"] == str(trace)
     assert policy["return"]["mean"] > static["return"]["mean"]
@@ -55,7 +53,7 @@ def test_a_shipped_policy_on_a_trace_beats_standing_still(skyrelay, trace):
         (["--trace", "bologna", "--zone-side", "9000"], ["zone side", "9000", "2165.5 m"]),
     ],
 )
-@pytest.mark.parametrize("command", [("evaluate", builtin_policies()[0]), ("baseline", "static")])
+@pytest.mark.parametrize("command", [("evaluate", "generalist"), ("baseline", "static")])
 def test_options_that_do_not_fit(skyrelay, command, arguments, parts):
     ended = skyrelay(*command, *arguments)
     assert ended.status == 2

@@ -12,7 +12,7 @@ from skyrelay.chain.client import IovClient, Role, Settings, VehicleRecord
 from skyrelay.chain.embedded import EmbeddedChain
 from skyrelay.core.errors import StoreError
 from skyrelay.core.maps import CHANNELS
-from skyrelay.policy import Policy, builtin_policies
+from skyrelay.policy import Policy
 from skyrelay.protocol.uav import UavAgent
 from skyrelay.simulation.consortium import chain_card
 from skyrelay.store.cid import CHUNK_BYTES, Cid, cid_of
@@ -114,7 +114,7 @@ def test_an_address_of_another_layout_is_refused(swarm, tmp_path):
 
 
 def test_a_uav_that_knows_only_the_cid_from_the_chain_flies_the_published_policy(swarm, tmp_path):
-    policy = Policy.builtin(builtin_policies()[0])
+    policy = Policy.builtin("generalist")
     with EmbeddedChain(tmp_path / "chain") as chain:
         administrator, vehicle = chain.account("administrator"), chain.account("vehicle")
         client = IovClient.deploy(chain, Settings(), administrator)

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from skyrelay.chain.accounts import PASSWORD, PASSWORD_FILE
 from skyrelay.cli.main import app
-from skyrelay.policy import Policy, builtin_policies
+from skyrelay.policy import Policy
 
 pytestmark = [pytest.mark.nodes, pytest.mark.xdist_group("run")]
 
@@ -61,7 +61,7 @@ def free_ports(count: int) -> int:
 
 def test_a_run_on_four_validators_is_that_of_the_embedded_chain_and_any_of_them_can_be_audited(tmp_path, monkeypatch):
     policy = tmp_path / "policy.onnx"
-    policy.write_bytes(Policy.builtin(builtin_policies()[0]).content)
+    policy.write_bytes(Policy.builtin("generalist").content)
     flown = ["--set", f"coordination.policy={policy}"]
     with devnet(tmp_path / "net") as network:
         monkeypatch.setenv(PASSWORD_FILE, network["operator_password_file"])

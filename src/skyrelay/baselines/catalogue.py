@@ -9,6 +9,7 @@ from skyrelay.baselines.centroid import Centroid
 from skyrelay.baselines.placement import Placement
 from skyrelay.baselines.planner import Planner
 from skyrelay.baselines.player import Player, Random, Static, play_from
+from skyrelay.baselines.recharge import Recharge
 from skyrelay.coordination import game
 from skyrelay.core.errors import UsageError
 from skyrelay.learning.evaluation import summary, unseen_key
@@ -23,6 +24,7 @@ BASELINES: dict[str, Player] = {
     "pso-10": Placement(period=10),
     "planner": Planner(),
     "clairvoyant": Planner(foresight=True),
+    "recharge": Recharge(),
 }
 """Each as the figures and the command line know it."""
 

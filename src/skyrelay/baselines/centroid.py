@@ -24,7 +24,7 @@ class Centroid(Player):
     def act(self, state: game.State, memory: Memory) -> tuple[Int[Array, " uavs"], Memory]:
         """One step towards the centroid."""
         centre = centroids(state)
-        return (_linked(state, centre) if self.linked else towards(state, centre)), memory
+        return (linked_towards(state, centre) if self.linked else towards(state, centre)), memory
 
 
 def centroids(state: game.State) -> Float[Array, "uavs 2"]:
@@ -43,7 +43,8 @@ def connected(state: game.State, uavs: Float[Array, "*batch uavs 2"]) -> Array:
     return whole
 
 
-def _linked(state: game.State, centre: Float[Array, "uavs 2"]) -> Int[Array, " uavs"]:
+def linked_towards(state: game.State, centre: Float[Array, "uavs 2"]) -> Int[Array, " uavs"]:
+    """UAV after UAV goes towards its place as far as the team stays connected; while it is not, towards its centre."""
     goal = jnp.where(connected(state, state.uavs), centre, team_centre(state))
     options = choices(state)
 

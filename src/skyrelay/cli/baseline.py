@@ -14,7 +14,8 @@ def command(
     name: Annotated[
         str,
         typer.Argument(
-            help="static, random, centroid, centroid-linked, pso-placed, pso, pso-10, planner or clairvoyant."
+            help="static, random, centroid, centroid-linked, pso-placed, pso, pso-10, planner, clairvoyant, "
+            "or recharge (games with energy)."
         ),
     ],
     uavs: played.Uavs = "3",
