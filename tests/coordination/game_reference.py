@@ -125,7 +125,7 @@ def obstacle_maps(uavs, vehicles, owner, reach, walls, buildings, n, zoom):
         [[any(inside(((x + 0.5) / cells, (y + 0.5) / cells), b) for b in buildings) for x in range(cells)]
          for y in range(cells)]
     )  # fmt: skip
-    result = np.zeros((len(uavs), 4, n, n))
+    result = np.zeros((len(uavs), 3, n, n))
     for i in range(len(uavs)):
         left, low = (min(max(c - n // 2, 0), cells - n) for c in cell(uavs[i], cells))
         for y in range(n):
