@@ -44,7 +44,12 @@ def connected(state: game.State, uavs: Float[Array, "*batch uavs 2"]) -> Array:
 
 
 def linked_towards(state: game.State, centre: Float[Array, "uavs 2"]) -> Int[Array, " uavs"]:
-    """UAV after UAV goes towards its place as far as the team stays connected; while it is not, towards its centre."""
+    """UAV after UAV goes towards its place as far as the team stays connected; before it is, to the team's centre.
+
+    Args:
+        centre: where each would be [zone sides].
+    Returns: the action of each UAV.
+    """
     goal = jnp.where(connected(state, state.uavs), centre, team_centre(state))
     options = choices(state)
 

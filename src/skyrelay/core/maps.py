@@ -46,6 +46,7 @@ Maps of one cell and maps of many then weigh about the same, which is what a net
 FAR = 2.0
 """Zone sides that a UAV can still fly, beyond which it need not know: there and back is less."""
 FAR_LEVEL = 255
+"""The level of `FAR` and of more."""
 
 
 def map_names(*, obstacles: bool, energy: bool) -> tuple[str, ...]:
