@@ -64,6 +64,16 @@ def test_a_uav_without_charge_is_on_the_ground(start, step):
     assert bool(risen.flying[0])
 
 
+@pytest.mark.parametrize(("far", "linked"), [(0.7, 1.0), (5.0, 0.0)])
+def test_who_is_on_the_ground_answers_for_the_cut_and_the_others_for_their_own_links(start, far, linked):
+    at = jnp.array([[0.5, 0.5], [0.5, 0.6], [0.5, far]])
+    owner = jnp.array([0, 0, 1, 1, 2, 2])
+    state = replace(start, uavs=at, traffic=start.traffic._replace(position=at[owner]), owner=owner)
+    score = game.measure(replace(state, charge=jnp.array([0.0, 1.0, 1.0])))
+    assert float(score.connectivity) == 0.0
+    np.testing.assert_allclose(score.credit, [-1.0 - 2 / 6, linked - 1.0, linked - 1.0], rtol=1e-6)
+
+
 def test_the_potential_tells_when_to_turn_back(start):
     charging = start.parameters.charging._replace(point=jnp.array([0.0, 0.5]), move=jnp.float32(0.01))
     still = start.parameters._replace(charging=charging)

@@ -79,7 +79,7 @@ class Batteries:
 
 
 def at_charger(uavs: Float[Array, "uavs 2"], charging: Charging) -> Bool[Array, " uavs"]:
-    """Whether each UAV is within the charging point's radius."""
+    """Whether each UAV, at [zone sides], is within the charging point's radius."""
     apart = uavs - charging.point
     return jnp.sum(apart * apart, -1) <= charging.radius**2
 
