@@ -74,6 +74,14 @@ def test_who_is_on_the_ground_answers_for_the_cut_and_the_others_for_their_own_l
     np.testing.assert_allclose(score.credit, [-1.0 - 2 / 6, linked - 1.0, linked - 1.0], rtol=1e-6)
 
 
+def test_a_margin_shortens_the_links_of_those_in_the_air(start):
+    reach, move = float(start.parameters.reach), float(start.parameters.uav_step)
+    at = jnp.array([[0.0, 0.0], [0.1, 0.5], [0.1 + reach - 0.5 * move, 0.5]])
+    state = replace(start, uavs=at, charge=jnp.array([0.0, 1.0, 1.0]))
+    assert game.linked(state, 0.0).tolist() == [0.0, 1.0, 1.0]
+    assert game.linked(state, 0.75).tolist() == [0.0, 0.0, 0.0]
+
+
 def test_the_potential_tells_when_to_turn_back(start):
     charging = start.parameters.charging._replace(point=jnp.array([0.0, 0.5]), move=jnp.float32(0.01))
     still = start.parameters._replace(charging=charging)

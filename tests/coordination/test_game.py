@@ -76,4 +76,4 @@ def test_a_margin_shortens_the_links(apart, margin, expected):
     shape, domain = Shape(2, 1, n=5), physical((2, 2), (1, 1))
     state = game.reset(jax.random.key(0), shape, domain.draw(jax.random.key(1)))
     state = replace(state, uavs=jnp.array([[0.1, 0.5], [0.1 + apart, 0.5]]))
-    assert game.linked(state, margin) == expected
+    assert game.linked(state, margin).tolist() == [expected] * 2

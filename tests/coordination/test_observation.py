@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import game_reference as reference
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from skyrelay.coordination import observation
-from skyrelay.core.maps import LOCAL_VEHICLES, VEHICLE_SCALE, normalise
+from skyrelay.coordination import game, observation
+from skyrelay.coordination.settings import Shape, physical
+from skyrelay.core.maps import LOCAL_VEHICLES, PAPER_MAPS, VEHICLE_SCALE, map_names, normalise
 from skyrelay.policy import observation as flying
 
 observe = jax.jit(observation.observe, static_argnames=("n", "zoom"))
@@ -60,6 +63,28 @@ def test_a_uav_in_flight_sees_the_same_in_metres(seed, n, zoom, uavs, vehicles):
         others, own = np.delete(uav_m, i, axis=0), vehicle_m[owner == i]
         alone = flying.observe(uav_m[i], others, own, corner, side, float(reach) * side, n=n, zoom=zoom)
         np.testing.assert_array_equal(alone, team[i])
+
+
+def test_the_range_is_told_in_the_game_and_in_flight():
+    names = map_names(obstacles=False, energy=False, tells_range=True)
+    shape = Shape(4, 9, n=7, zoom=3, tells_range=True)
+    assert shape.maps == names == (*PAPER_MAPS, "own_range")
+    for ratio in (1.5, 2.7):
+        domain = replace(physical((3, 3), (9, 9)), ratio=(ratio, ratio))
+        state = game.reset(jax.random.key(3), shape, domain.draw(jax.random.key(4)))
+        maps = np.asarray(game.observe(state))
+        expected = np.zeros((4, 7, 7))
+        expected[:3] = np.round(255 / ratio)  # the fourth row holds no UAV
+        np.testing.assert_array_equal(maps[:, 6], expected)
+        plain = game.observe(replace(state, shape=replace(shape, tells_range=False)))
+        np.testing.assert_array_equal(maps[:, :6], plain)
+        corner, side = (-512.0, 2048.0), 1024.0
+        uavs, vehicles = (np.asarray(x) * side + corner for x in (state.uavs[:3], state.traffic.position))
+        flown = flying.observe_team(
+            uavs, vehicles, np.asarray(state.owner), corner, side, side / ratio, n=7, zoom=3, names=names
+        )
+        np.testing.assert_allclose(flown, np.asarray(normalise(maps[:3], 3, names)), rtol=1e-6)
+        assert flown[0, 6, 0, 0] == pytest.approx(1 / ratio, abs=1 / 255)
 
 
 def test_absent_and_outlying_vehicles():

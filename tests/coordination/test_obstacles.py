@@ -53,9 +53,12 @@ def test_jax_and_numpy_see_the_same_in_batches():
 
 
 @settings(deadline=None)
-@given(place, place, st.lists(wall, min_size=1, max_size=6))
-def test_coming_nearer_brings_into_sight(ground, air, walls):
-    p, q, w = (np.array(x, dtype=np.float64) for x in (ground, air, walls))
+@given(place, place, st.integers(1, 6), place, st.lists(wall, max_size=5))
+def test_coming_nearer_brings_into_sight(ground, air, eighth, half, walls):
+    p, q, side = (np.array(x, dtype=np.float64) for x in (ground, air, half))
+    middle = p + eighth / 8 * (q - p)
+    # Between the two stands a wall, high enough.
+    w = np.array([(*(middle - side), *(middle + side), 7 / 8), *walls], dtype=np.float64)
     share = float(flight.sight_share(p, q, w))
     # Not where the line only just touches a wall's end: there rounding decides.
     shorter = w + 1e-6 * np.column_stack([w[:, 2:4] - w[:, :2], w[:, :2] - w[:, 2:4], np.zeros(len(w))])

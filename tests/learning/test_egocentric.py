@@ -15,6 +15,7 @@ from skyrelay.core.maps import (
     PAPER_MAPS,
     map_names,
     normalise,
+    range_map,
 )
 from skyrelay.learning import egocentric
 
@@ -24,6 +25,8 @@ SIDE = 2 * N - 1
 
 def slow(maps, names):
     """The same, cell by cell."""
+    if "own_range" in names:
+        return slow_in_ranges(maps, names)
     location = maps[GLOBAL_LOCATION] / LOCATION_SCALE
     column, row = location.sum(0), location.sum(1)
     parts = [egocentric.PLACE_SCALE * column, egocentric.PLACE_SCALE * row]
@@ -44,10 +47,43 @@ def slow(maps, names):
     return np.concatenate(parts)
 
 
+def slow_in_ranges(maps, names):
+    """Likewise: each cell's content goes to the marks about where it is, as seen from where the own place balances."""
+    marks = [-mark for mark in egocentric.MARKS[:0:-1]] + list(egocentric.MARKS)
+    location = maps[GLOBAL_LOCATION] / LOCATION_SCALE
+    column, row = location.sum(0), location.sum(1)
+    reach = maps[names.index("own_range"), 0, 0]
+    own_x, own_y = (sum(k * share for k, share in enumerate(own)) for own in (column, row))
+
+    def shares(away):
+        """Of the marks, along one axis."""
+        found = np.zeros(len(marks))
+        away = min(max(away, marks[0]), marks[-1])
+        after = next(k for k, mark in enumerate(marks) if k and away <= mark)
+        found[after] = (away - marks[after - 1]) / (marks[after] - marks[after - 1])
+        found[after - 1] = 1 - found[after]
+        return found
+
+    parts = [egocentric.PLACE_SCALE * column, egocentric.PLACE_SCALE * row]
+    for number, name in enumerate(names):
+        if name in ("global_team", "global_vehicles", "global_buildings", "global_charger"):
+            view = np.zeros((len(marks), len(marks)))
+            for r in range(N):
+                for c in range(N):
+                    north, east = (r - own_y) / N / reach, (c - own_x) / N / reach
+                    view += maps[number, r, c] * np.outer(shares(north), shares(east))
+            parts.append(view.ravel())
+    local = ("local_buildings", "local_sight", "local_charger")
+    parts += [maps[k].ravel() for k, name in enumerate(names) if name in local]
+    parts += [maps[k, 0, :1] for k, name in enumerate(names) if name in ("own_flight", "at_charger", "own_range")]
+    return np.concatenate(parts)
+
+
 @pytest.mark.parametrize("obstacles", [False, True])
 @pytest.mark.parametrize("energy", [False, True])
-def test_equals_the_plain_loops(obstacles, energy):
-    names = map_names(obstacles=obstacles, energy=energy)
+@pytest.mark.parametrize("tells_range", [False, True])
+def test_equals_the_plain_loops(obstacles, energy, tells_range):
+    names = map_names(obstacles=obstacles, energy=energy, tells_range=tells_range)
     maps = np.random.default_rng(1).random((3, len(names), N, N)).astype(np.float32)
     seen = egocentric.egocentric(jnp.asarray(maps), names)
     assert seen.shape == (3, egocentric.width(N, names))
@@ -82,5 +118,28 @@ def test_the_middle_of_what_is_seen_is_where_the_vehicle_is():
         assert north / N == pytest.approx(-0.1, abs=0.01)
 
 
-def test_an_empty_row_is_zeros():
-    assert not jnp.any(egocentric.egocentric(jnp.zeros((1, 6, N, N)), PAPER_MAPS))
+@pytest.mark.parametrize("number", [GLOBAL_TEAM, GLOBAL_VEHICLES])
+def test_in_ranges_the_same_at_every_scale(number):
+    """Half of everything, seen with half the range."""
+    names, n = map_names(obstacles=False, energy=False, tells_range=True), 11
+    seen = []
+    for scale in (1.0, 0.5):
+        uavs, vehicle = scale * np.array([[0.5, 0.5], [0.7, 0.9]]), scale * np.array([[0.9, 0.3]])
+        levels = observe(
+            jnp.array(uavs), jnp.array([True, True]), jnp.array(vehicle), jnp.array([0]), jnp.float32(scale / 2), n, 3
+        )
+        told = jnp.concatenate([levels, range_map(jnp.float32(scale / 2), 2, n).astype(levels.dtype)[:, None]], 1)
+        view = egocentric.egocentric(normalise(told, 3, names), names)[0]
+        side = egocentric.side(n, names)
+        first = 2 * n + egocentric.moved(names).index(number) * side**2
+        view = np.asarray(view[first : first + side**2]).reshape(side, side)
+        marks = egocentric.marks()[0].ravel()
+        seen.append((view.sum(0) @ marks / view.sum(), view.sum(1) @ marks / view.sum()))
+    # What a cell is, in ranges, is how well a place can be told.
+    np.testing.assert_allclose(*seen, atol=2 / (3 * n))
+    assert seen[0] == pytest.approx((0.4, 0.8) if number == GLOBAL_TEAM else (0.8, -0.4), abs=1 / (3 * n))
+
+
+@pytest.mark.parametrize("names", [PAPER_MAPS, map_names(obstacles=False, energy=False, tells_range=True)])
+def test_an_empty_row_is_zeros(names):
+    assert not jnp.any(egocentric.egocentric(jnp.zeros((1, len(names), N, N)), names))

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
 from scipy import stats
 
 from skyrelay.learning import networks
-from skyrelay.learning.evaluation import episodes_of, greedy_episodes, interval, starts, summary
+from skyrelay.learning.evaluation import episodes_of, greedy_episodes, interval, policy_episodes, starts, summary
+from skyrelay.learning.onnx import export
+from skyrelay.learning.training import make_card
+from skyrelay.policy import Policy
 
 
 def test_compiled_and_stepped_play_agree(tiny):
@@ -31,3 +37,17 @@ def test_interval_is_students():
     found = interval(values)
     assert (found["mean"], found["low"], found["high"]) == pytest.approx((values.mean(), low, high))
     assert interval(np.array([2.0])) == {"mean": 2.0, "low": 2.0, "high": 2.0}
+
+
+def test_a_policy_is_told_the_range_where_it_wants_to_be(tiny):
+    shape = replace(tiny.shape, tells_range=True)
+    network = replace(tiny.hyperparameters.actor, maps=shape.maps, channels=(), strides=(), pools=(), egocentric=True)
+    actor = networks.actor(jax.random.key(1), network)
+    # The first outputs are nearly equal by design; larger ones decide clearly.
+    actor = eqx.tree_at(lambda net: net.layers[-1].weight, actor, actor.layers[-1].weight * 100)
+    config = replace(tiny, hyperparameters=replace(tiny.hyperparameters, actor=network), shape=shape)
+    policy = Policy.load(export(actor, make_card(config, "told", "pytest", [])))
+    key = jax.random.key(2)
+    expected = greedy_episodes(actor, key, 6, shape, tiny.domain)
+    for games in (starts(key, 6, tiny.shape, tiny.domain), starts(key, 6, shape, tiny.domain)):
+        np.testing.assert_allclose(policy_episodes(policy, games), expected, rtol=1e-5)

@@ -14,7 +14,7 @@ import pytest
 from skyrelay.core.errors import UsageError
 from skyrelay.core.maps import map_names
 from skyrelay.learning import networks
-from skyrelay.learning.networks import FAST, PAPER, Architecture
+from skyrelay.learning.networks import FAST, GENERALIST, PAPER, Architecture
 from skyrelay.learning.onnx import export
 from skyrelay.policy import Card, Policy
 
@@ -76,8 +76,9 @@ def card(n):
         Architecture(n=7, channels=(4, 5), strides=(2, 1), pools=(1, 2), hidden=(6,)),
         Architecture(n=7, channels=(), strides=(), pools=(), hidden=(6,)),
         replace(FAST, maps=map_names(obstacles=True, energy=True)),
+        replace(GENERALIST, maps=map_names(obstacles=True, energy=False, tells_range=True)),
     ],
-    ids=["paper", "fast", "strided", "connected", "options"],
+    ids=["paper", "fast", "strided", "connected", "options", "range"],
 )
 def test_onnx_agrees_with_the_network(architecture):
     network = networks.actor(jax.random.key(4), architecture)

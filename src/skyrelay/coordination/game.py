@@ -174,6 +174,8 @@ def observe(state: State) -> UInt8[Array, "uavs maps n n"]:
     if state.charge is not None and charging is not None:
         flight = state.charge / jnp.maximum(charging.move, 1e-6) * parameters.uav_step
         more += maps.energy_maps(window, charging.point, flight, energy.at_charger(state.uavs, charging), n, zoom)
+    if shape.tells_range:
+        more += (maps.range_map(parameters.reach, shape.uavs, n),)
     if not more:
         return six
     further = jnp.where(state.active[:, None, None, None], jnp.stack(more, axis=1), 0)
@@ -187,11 +189,16 @@ def measure(state: State) -> Score:
     return score(state.uavs, state.active, position, state.served_by, parameters.reach, parameters.walls, flying)
 
 
-def linked(state: State, margin: float) -> Float[Array, ""]:
-    """1 where the team is connected by links that are ``margin`` steps of a UAV shorter than the range, else 0."""
+def linked(state: State, margin: float) -> Float[Array, " uavs"]:
+    """1 where links that are ``margin`` steps of a UAV shorter than the range connect all in the air, else 0.
+
+    A UAV on the ground is not connected: 0 for it alone.
+    """
     reach = jnp.maximum(state.parameters.reach - margin * state.parameters.uav_step, 0.0)
-    whole: Array = connectivity(links(state.uavs, reach, state.flying), state.active).astype(state.uavs.dtype)
-    return whole
+    whole = connectivity(links(state.uavs, reach, state.flying), state.flying)
+    grounded = state.active & ~state.flying
+    each: Array = (whole & ~grounded).astype(state.uavs.dtype)
+    return each
 
 
 def potential(state: State) -> Float[Array, " uavs"]:

@@ -23,6 +23,7 @@ from skyrelay.core.maps import (
     COVERAGE_SCALE,
     FLIGHT_SCALE,
     LOCATION_SCALE,
+    RANGE_SCALE,
     SIGHT_SCALE,
     TEAM_SCALE,
     VEHICLE_SCALE,
@@ -77,6 +78,7 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
             "global_charger": LOCATION_SCALE,
             "own_flight": FLIGHT_SCALE,
             "at_charger": CHARGER_SCALE,
+            "own_range": RANGE_SCALE,
         }
         top = np.array([tops[name] for name in shape.maps], np.float32)
         high = np.broadcast_to(top[:, None, None], (len(top), shape.n, shape.n))

@@ -33,6 +33,7 @@ class Shape:
         drop_outs: UAVs may leave for good during a game.
         walls: rows for the walls of buildings, which block the sight from UAVs to vehicles; 0 for open ground.
         energy: UAVs have a charge, spend it, and charge at a point.
+        tells_range: the observation tells how far the links reach, which differs from game to game.
 
     An option that is off costs nothing in a compiled step.
 
@@ -49,6 +50,7 @@ class Shape:
     drop_outs: bool = False
     walls: int = 0
     energy: bool = False
+    tells_range: bool = False
 
     def __post_init__(self) -> None:
         for name, low, high in (("uavs", 1, 16), ("vehicles", 1, 255), ("steps", 1, 100_000), ("zoom", 2, 3)):
@@ -61,7 +63,7 @@ class Shape:
     @property
     def maps(self) -> tuple[str, ...]:
         """Names of the observation's maps."""
-        return map_names(obstacles=self.walls > 0, energy=self.energy)
+        return map_names(obstacles=self.walls > 0, energy=self.energy, tells_range=self.tells_range)
 
 
 class Parameters(NamedTuple):
@@ -115,7 +117,8 @@ class Domain:
         cities: what is built; None for open ground.
         batteries: of games with energy; None for those without.
         even: small teams come up more often (as one over their size), so that teams of each size make about as many
-            decisions; else each size comes up as often.
+            decisions, and wide zones (as their ratio, which is uniform in area): there most is left to learn. Else each
+            size comes up as often, and each ratio.
     """
 
     uavs: tuple[int, int]
@@ -168,13 +171,14 @@ class Domain:
             bounds = jnp.asarray(self.team_sizes.cumsum()[:-1], jnp.float32)
             return self.uavs[0] + jnp.searchsorted(bounds, next(draws), side="right").astype(jnp.int32)
 
+        areas = (self.ratio[0] ** 2, self.ratio[1] ** 2)
         low, high = self.uav_step
         uav_step = low * (high / low) ** between((0.0, 1.0))
         fastest = uav_step * between(self.speed_ratio)
         return Parameters(
             uavs=team(),
             vehicles=count(self.vehicles),
-            reach=1.0 / between(self.ratio),
+            reach=1.0 / (jnp.sqrt(between(areas)) if self.even else between(self.ratio)),
             uav_step=uav_step,
             slowest=fastest * self.slow_share,
             fastest=fastest,

@@ -24,10 +24,12 @@ PAPER_MAPS = (
 """The six that every policy sees, in the order of their numbers."""
 OBSTACLE_MAPS = ("local_buildings", "global_buildings", "local_sight")
 """After the six where there are buildings: what is built, and from where how many own vehicles are covered."""
-EVERYWHERE = ("own_flight", "at_charger")
-"""Maps that are one number, the same in every cell."""
-ENERGY_MAPS = ("local_charger", "global_charger", *EVERYWHERE)
+ENERGY_MAPS = ("local_charger", "global_charger", "own_flight", "at_charger")
 """After those where charge counts: the charging point, how far the UAV can still fly, whether hovering here charges."""
+RANGE_MAPS = ("own_range",)
+"""Last, where games are of many scales: how far the links reach."""
+EVERYWHERE = ("own_flight", "at_charger", "own_range")
+"""Maps that are one number, the same in every cell."""
 
 LOCATION_SCALE = 4.0
 TEAM_SCALE = 2.0
@@ -37,8 +39,9 @@ BUILDING_SCALE = 0.5
 SIGHT_SCALE = 1.0
 FLIGHT_SCALE = 2.0
 CHARGER_SCALE = 1.0
+RANGE_SCALE = 1.0
 """What a UAV's own cell, a team mate, a UAV that covers a whole block, all own vehicles together, a built-up cell, all
-own vehicles in sight, a flight of `FAR` zone sides and being at the charging point come to.
+own vehicles in sight, a flight of `FAR` zone sides, being at the charging point and a range of one zone side come to.
 
 Maps of one cell and maps of many then weigh about the same, which is what a network learns fastest from.
 """
@@ -46,12 +49,12 @@ Maps of one cell and maps of many then weigh about the same, which is what a net
 FAR = 2.0
 """Zone sides that a UAV can still fly, beyond which it need not know: there and back is less."""
 FAR_LEVEL = 255
-"""The level of `FAR` and of more."""
+"""The level of `FAR` and of more; and of a range of one zone side and of more."""
 
 
-def map_names(*, obstacles: bool, energy: bool) -> tuple[str, ...]:
+def map_names(*, obstacles: bool, energy: bool, tells_range: bool = False) -> tuple[str, ...]:
     """The maps of a game or a run with these options, in order."""
-    return PAPER_MAPS + OBSTACLE_MAPS * obstacles + ENERGY_MAPS * energy
+    return PAPER_MAPS + OBSTACLE_MAPS * obstacles + ENERGY_MAPS * energy + RANGE_MAPS * tells_range
 
 
 def normalise(levels: Any, zoom: int, names: Sequence[str] = PAPER_MAPS) -> Any:
@@ -86,6 +89,7 @@ def normalise(levels: Any, zoom: int, names: Sequence[str] = PAPER_MAPS) -> Any:
         "global_charger": location,
         "own_flight": FLIGHT_SCALE / FAR_LEVEL,
         "at_charger": CHARGER_SCALE,
+        "own_range": RANGE_SCALE / FAR_LEVEL,
     }
     factors = xp.stack([scales[name] * one for name in names], axis=-1)
     return maps * factors[..., None, None]
@@ -172,6 +176,16 @@ def energy_maps(
     numbers = (far, xp.astype(at_charger, far.dtype))
     everywhere = (xp.broadcast_to(number[:, None, None], local.shape) for number in numbers)
     return local, xp.broadcast_to(y[:, None] * x[None, :], local.shape), *everywhere
+
+
+def range_map(reach: Any, uavs: int, n: int) -> Any:
+    """`RANGE_MAPS` of every UAV, as levels [N, n, n].
+
+    Args:
+        reach: range [zone sides], an array of one number.
+    """
+    xp = reach.__array_namespace__()
+    return xp.broadcast_to(xp.round(xp.clip(reach, 0.0, 1.0) * FAR_LEVEL), (uavs, n, n))
 
 
 def cell_of(position: Any, cells: int) -> Any:

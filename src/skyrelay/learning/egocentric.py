@@ -5,6 +5,9 @@ Here they are moved until the UAV is in the middle: a vehicle at some distance a
 wherever in the zone both are. On the paper's games a network learns the same from a quarter of the steps or less, and
 ends better (docs/decisions/0031).
 
+Where the observation tells the range, distances count in ranges: "at the edge of my reach" is then the same input
+whatever the zone's size, and what is learned at one scale holds at all (docs/decisions/0032).
+
 It is the first layer of a network and has no weights: what goes in is still what the game defines.
 """
 
@@ -17,15 +20,36 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Float
 
-from skyrelay.core.maps import EVERYWHERE, GLOBAL_LOCATION, LOCATION_SCALE, PAPER_MAPS
+from skyrelay.core.maps import (
+    EVERYWHERE,
+    GLOBAL_COVERAGE,
+    GLOBAL_LOCATION,
+    LOCATION_SCALE,
+    PAPER_MAPS,
+    RANGE_MAPS,
+    RANGE_SCALE,
+)
 
 PLACE_SCALE = 2.0
 """What the UAV's own column comes to, and its row: of the size of the other inputs (`skyrelay.core.maps`)."""
+MARKS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.4, 1.75, 2.1, 2.5, 3.0)
+"""Distances along an axis that are told apart [ranges], to both sides: closest about the range, where links break."""
+LEAST_RANGE = 0.05
+"""Zone sides; less is taken as this much."""
+
+
+def tells_range(names: Sequence[str]) -> bool:
+    """Whether distances count in ranges."""
+    return set(RANGE_MAPS) <= set(names)
 
 
 def moved(names: Sequence[str]) -> list[int]:
-    """Numbers of the maps that are moved: all that lie over the zone, but for the own location."""
-    return [k for k, name in enumerate(names) if name.startswith("global_") and k != GLOBAL_LOCATION]
+    """Numbers of the maps that are moved: all that lie over the zone, but for the own location.
+
+    Nor coverage where the range is told: it shows nothing that the range and the UAVs' places do not.
+    """
+    left = {GLOBAL_LOCATION, GLOBAL_COVERAGE} if tells_range(names) else {GLOBAL_LOCATION}
+    return [k for k, name in enumerate(names) if name.startswith("global_") and k not in left]
 
 
 def kept(names: Sequence[str]) -> list[int]:
@@ -41,15 +65,21 @@ def same_everywhere(names: Sequence[str]) -> list[int]:
     return [k for k, name in enumerate(names) if name in EVERYWHERE]
 
 
+def side(n: int, names: Sequence[str]) -> int:
+    """Of a map that was moved."""
+    return 2 * len(MARKS) - 1 if tells_range(names) else 2 * n - 1
+
+
 def width(n: int, names: Sequence[str]) -> int:
     """How many numbers `egocentric` makes of maps of n x n cells."""
-    return 2 * n + len(moved(names)) * (2 * n - 1) ** 2 + len(kept(names)) * n * n + len(same_everywhere(names))
+    seen = len(moved(names)) * side(n, names) ** 2
+    return 2 * n + seen + len(kept(names)) * n * n + len(same_everywhere(names))
 
 
 def operations(n: int, names: Sequence[str]) -> int:
     """Floating-point operations of one call: two matrix products for each map that is moved."""
-    side = 2 * n - 1
-    return len(moved(names)) * 2 * (side * n * n + side * side * n)
+    to = side(n, names)
+    return len(moved(names)) * 2 * (to * n * n + to * to * n)
 
 
 def offsets(n: int) -> npt.NDArray[np.int64]:
@@ -58,25 +88,52 @@ def offsets(n: int) -> npt.NDArray[np.int64]:
     return np.where((own >= 0) & (own < n), own, n)
 
 
+def marks() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """[marks, 1] each: `MARKS` to both sides from west (south) to east (north), the one before each, the one after."""
+    at = np.array([*(-mark for mark in MARKS[:0:-1]), *MARKS], np.float32)
+    far = np.array([1e9], np.float32)
+    before, after = np.concatenate([-far, at[:-1]]), np.concatenate([at[1:], far])
+    return at[:, None], before[:, None], after[:, None]
+
+
 def egocentric(maps: Float[Array, "batch maps n n"], names: Sequence[str]) -> Float[Array, "batch width"]:
     """Normalised maps, seen from the UAV.
 
-    The own location is shared among up to four cells (bilinear downsampling): every global map is moved by each of
-    them, weighted. So the finer place that the shares tell is not lost.
+    The own location is shared among up to four cells (bilinear downsampling), so that the finer place is not lost:
+    every global map is moved by each of them, weighted; or, in ranges, by where they balance.
 
     Args:
         names: of the maps.
-    Returns: own column and own row [n each]; the global maps [2 n - 1, 2 n - 1], the UAV in the middle and 0 outside
-        the zone; the options' local maps [n, n]; one number for a map that is the same everywhere.
+    Returns: own column and own row [n each]; the global maps [side, side], the UAV in the middle and 0 outside the
+        zone; the options' local maps [n, n]; one number for a map that is the same everywhere.
     """
     batch, n = maps.shape[0], maps.shape[-1]
     location = maps[:, GLOBAL_LOCATION] / LOCATION_SCALE
     column, row = location.sum(1), location.sum(2)
-    table, nowhere = offsets(n), jnp.zeros((batch, 1), maps.dtype)
-    across, along = (jnp.concatenate([own, nowhere], 1)[:, table] for own in (column, row))
+    if tells_range(names):
+        reach = maps[:, names.index(RANGE_MAPS[0]), 0, 0] / RANGE_SCALE
+        across, along = (_in_ranges(own, reach) for own in (column, row))
+    else:
+        table, nowhere = offsets(n), jnp.zeros((batch, 1), maps.dtype)
+        across, along = (jnp.concatenate([own, nowhere], 1)[:, table] for own in (column, row))
     seen = jnp.einsum("bdr,bkrc,bec->bkde", along, maps[:, np.array(moved(names))], across, optimize="optimal")
     parts = [PLACE_SCALE * column, PLACE_SCALE * row, seen.reshape(batch, -1)]
     if kept(names):
         parts.append(maps[:, np.array(kept(names))].reshape(batch, -1))
     parts += [maps[:, number, 0, :1] for number in same_everywhere(names)]
     return jnp.concatenate(parts, 1)
+
+
+def _in_ranges(own: Float[Array, "batch n"], reach: Float[Array, " batch"]) -> Float[Array, "batch marks n"]:
+    """Of each column's content the share that goes to each mark: to the two between which it lies, or the outermost.
+
+    Args:
+        own: shares of the UAV's own place.
+        reach: range [zone sides].
+    """
+    n = own.shape[1]
+    cells = jnp.arange(n, dtype=own.dtype)
+    away = (cells - (own @ cells)[:, None]) / (n * jnp.maximum(reach, LEAST_RANGE)[:, None])
+    at, before, after = marks()
+    away = jnp.clip(away, -MARKS[-1], MARKS[-1])[:, None, :]
+    return jnp.maximum(jnp.minimum((away - before) / (at - before), (after - away) / (after - at)), 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -16,7 +17,7 @@ from scipy import stats
 from skyrelay.coordination import game
 from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape
-from skyrelay.core.maps import chosen, normalise
+from skyrelay.core.maps import RANGE_MAPS, chosen, normalise
 from skyrelay.learning.networks import Network
 from skyrelay.learning.ppo import new_games
 from skyrelay.policy import Policy
@@ -117,10 +118,13 @@ def evaluate_policy(policy: Policy, games: game.State, traces: game.Trace | None
 def policy_episodes(policy: Policy, games: game.State, traces: game.Trace | None = None) -> Float[Array, "4 episodes"]:
     """The same, episode by episode, so that two policies can be compared on the same games.
 
-    A policy does not see maps that it was not trained on; maps that it wants and the games lack are empty.
+    A policy does not see maps that it was not trained on; maps that it wants and the games lack are empty, but for the
+    range, which a UAV always knows.
     """
+    shape = replace(games.shape, tells_range=set(RANGE_MAPS) <= set(policy.card.maps))
+    games = replace(games, shape=shape)
 
     def decide(maps: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
-        return policy.decide(chosen(maps, games.shape.maps, policy.card.maps))
+        return policy.decide(chosen(maps, shape.maps, policy.card.maps))
 
     return episodes_of(decide, games, traces)

@@ -10,8 +10,18 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from skyrelay.core.flight import ACTIONS
-from skyrelay.core.maps import GLOBAL_LOCATION, LOCATION_SCALE
-from skyrelay.learning.egocentric import PLACE_SCALE, kept, moved, offsets, same_everywhere
+from skyrelay.core.maps import GLOBAL_LOCATION, LOCATION_SCALE, RANGE_MAPS, RANGE_SCALE
+from skyrelay.learning.egocentric import (
+    LEAST_RANGE,
+    MARKS,
+    PLACE_SCALE,
+    kept,
+    marks,
+    moved,
+    offsets,
+    same_everywhere,
+    tells_range,
+)
 from skyrelay.learning.networks import KERNEL, PADDING, Architecture, Linear, Network
 from skyrelay.policy.card import CARD_KEY, Card
 
@@ -87,17 +97,17 @@ def _egocentric(add: Callable[..., str], constant: Callable[..., str], architect
         return constant(name, np.asarray(numbers), np.int64)
 
     location = add("Gather", ["maps", indices("own", GLOBAL_LOCATION)], axis=1)
-    table, padding = indices("offsets", offsets(n)), indices("one_after", [0, 0, 0, 1])
     place_scale = constant("place_scale", np.array(PLACE_SCALE / LOCATION_SCALE))
     location_scale = constant("location_scale", np.array(LOCATION_SCALE))
-    parts, shifts = [], []
+    parts, shares = [], []
     for name, other in (("column", 1), ("row", 2)):
         own = add("ReduceSum", [location, indices(f"{name}_sum", [other])], keepdims=0)
         parts.append(add("Mul", [own, place_scale]))
-        share = add("Pad", [add("Div", [own, location_scale]), padding])
-        # [batch, 1, offsets, n]: the same for each map.
-        shifts.append(add("Unsqueeze", [add("Gather", [share, table], axis=1), indices(f"{name}_maps", [1])]))
-    across, along = shifts
+        shares.append(add("Div", [own, location_scale]))
+    # [batch, 1, side, n]: the same for each map.
+    shift = _shift_in_ranges(add, constant, architecture) if tells_range(names) else _shift_in_cells(add, constant, n)
+    one = indices("one", [1])
+    across, along = (add("Unsqueeze", [shift(share), one]) for share in shares)
     seen = add("Gather", ["maps", indices("moved", moved(names))], axis=1)
     seen = add("MatMul", [add("MatMul", [along, seen]), add("Transpose", [across], perm=[0, 1, 3, 2])])
     parts.append(add("Flatten", [seen], axis=1))
@@ -108,3 +118,46 @@ def _egocentric(add: Callable[..., str], constant: Callable[..., str], architect
         corner = [indices("corner_from", [0, 0]), indices("corner_to", [1, 1]), indices("corner_axes", [2, 3])]
         parts.append(add("Flatten", [add("Slice", [same, *corner])], axis=1))
     return add("Concat", parts, axis=1)
+
+
+def _shift_in_cells(add: Callable[..., str], constant: Callable[..., str], n: int) -> Callable[[str], str]:
+    """From shares of the own place [batch, n] to [batch, 2 n - 1, n]: which column comes to which offset."""
+    table = constant("offsets", offsets(n), np.int64)
+    padding = constant("one_after", np.array([0, 0, 0, 1]), np.int64)
+
+    def shift(share: str) -> str:
+        return add("Gather", [add("Pad", [share, padding]), table], axis=1)
+
+    return shift
+
+
+def _shift_in_ranges(
+    add: Callable[..., str], constant: Callable[..., str], architecture: Architecture
+) -> Callable[[str], str]:
+    """From shares of the own place [batch, n] to [batch, marks, n]: which column comes to which mark."""
+    n, number = architecture.n, architecture.maps.index(RANGE_MAPS[0])
+    ends = [
+        constant(f"range_{end}", np.array(cell), np.int64)
+        for end, cell in (("from", [number, 0, 0]), ("to", [number + 1, 1, 1]))
+    ]
+    reach = add("Slice", ["maps", *ends, constant("range_axes", np.array([1, 2, 3]), np.int64)])
+    # [batch, 1]
+    reach = add("Flatten", [add("Div", [reach, constant("range_scale", np.array(RANGE_SCALE))])], axis=1)
+    reach = add("Max", [reach, constant("least_range", np.array(LEAST_RANGE))])
+    unit = add("Mul", [reach, constant("cells_a_side", np.array(n))])
+    cells = constant("cells", np.arange(n)[:, None])
+    row_of_cells = constant("row_of_cells", np.arange(n)[None])
+    nearest, farthest = constant("nearest", np.array(-MARKS[-1])), constant("farthest", np.array(MARKS[-1]))
+    at, before, after = marks()
+    ups = [constant("marks_before", before), constant("to_mark", at - before)]
+    downs = [constant("marks_after", after), constant("from_mark", after - at)]
+    middle = constant("middle", np.array([1]), np.int64)
+
+    def shift(share: str) -> str:
+        away = add("Div", [add("Sub", [row_of_cells, add("MatMul", [share, cells])]), unit])
+        away = add("Unsqueeze", [add("Clip", [away, nearest, farthest]), middle])
+        up = add("Div", [add("Sub", [away, ups[0]]), ups[1]])
+        down = add("Div", [add("Sub", [downs[0], away]), downs[1]])
+        return add("Relu", [add("Min", [up, down])])
+
+    return shift

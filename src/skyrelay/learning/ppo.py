@@ -178,8 +178,8 @@ def collect(
         if config.own_credit:
             reward = transition.score.credit
             if config.link_margin:
-                safe = jax.vmap(partial(game.linked, margin=config.link_margin))(moved)
-                reward = reward + (safe - transition.score.connectivity)[:, None]
+                safe, linked = (jax.vmap(partial(game.linked, margin=m))(moved) for m in (config.link_margin, 0.0))
+                reward = reward + (safe - linked)
         if config.shaping:
             change = config.gamma * jax.vmap(game.potential)(moved) - jax.vmap(game.potential)(games)
             reward = reward + shaping * change

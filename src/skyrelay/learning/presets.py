@@ -70,7 +70,8 @@ def games_of(
             uavs[1], vehicles[1], n=n, zoom=zoom, energy=True
         )
     if games == "varied":
-        return varied(uavs, vehicles), Shape(uavs[1], vehicles[1], n=n, zoom=zoom, mobility="mixed", drop_outs=True)
+        shape = Shape(uavs[1], vehicles[1], n=n, zoom=zoom, mobility="mixed", drop_outs=True, tells_range=True)
+        return varied(uavs, vehicles), shape
     return physical(uavs, vehicles), Shape(uavs[1], vehicles[1], n=n, zoom=zoom)
 
 
@@ -121,8 +122,8 @@ def training(
         UsageError: a number does not fit.
     """
     base = {"fast": _FAST, "generalist": _GENERALIST, "paper": _PAPER}[preset]
-    n = base.actor.n
-    domain, shape = games_of(games, uavs, vehicles, n)
+    n, zoom = base.actor.n, 3 if preset == "generalist" else 2
+    domain, shape = games_of(games, uavs, vehicles, n, zoom)
     if preset == "paper":
         # The table's horizon counts steps of a team; minibatches stay near 500 decisions whatever the team's size.
         base = replace(base, minibatches=8 * uavs[1])
@@ -131,5 +132,5 @@ def training(
         base = replace(base, entropy=0.03, gamma=0.97, shaping=1.0)
     actor, critic = (replace(network, maps=shape.maps) for network in (base.actor, base.critic))
     base = replace(base, actor=actor, critic=critic)
-    default = {"fast": 400_000, "generalist": 10_000_000, "paper": 1_000_000}[preset]
+    default = {"fast": 400_000, "generalist": 12_000_000, "paper": 1_000_000}[preset]
     return Training(preset, base, shape, domain, steps if steps is not None else default, seed)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from skyrelay.core.maps import ENERGY_MAPS, OBSTACLE_MAPS, PAPER_MAPS, map_names
+from skyrelay.core.maps import ENERGY_MAPS, OBSTACLE_MAPS, PAPER_MAPS, RANGE_MAPS, map_names
 
 Count = Annotated[int, Field(ge=1)]
 CARD_KEY = "skyrelay.card"
@@ -79,10 +80,10 @@ class Card(_Model):
     @classmethod
     def _known(cls, maps: tuple[str, ...]) -> tuple[str, ...]:
         known = [
-            map_names(obstacles=obstacles, energy=energy) for obstacles in (False, True) for energy in (False, True)
+            map_names(obstacles=obstacles, energy=energy, tells_range=tells_range)
+            for obstacles, energy, tells_range in product((False, True), repeat=3)
         ]
         if maps not in known:
-            raise ValueError(
-                f"the six maps ({', '.join(PAPER_MAPS)}), then all of {OBSTACLE_MAPS}, all of {ENERGY_MAPS}"
-            )
+            options = ", ".join(f"all of {more}" for more in (OBSTACLE_MAPS, ENERGY_MAPS, RANGE_MAPS))
+            raise ValueError(f"the six maps ({', '.join(PAPER_MAPS)}), then {options}")
         return maps

@@ -18,12 +18,14 @@ from skyrelay.core.maps import (
     LOCAL_VEHICLES,
     OBSTACLE_MAPS,
     PAPER_MAPS,
+    RANGE_MAPS,
     cell_of,
     chosen,
     energy_maps,
     footprint,
     normalise,
     obstacle_maps,
+    range_map,
 )
 
 Floats = npt.NDArray[np.floating]
@@ -170,6 +172,9 @@ def _maps(
         point, radius = (np.array(charger[:2]) - corner) / zone_side, charger[2] / zone_side
         near = ((uavs[:seers] - point) ** 2).sum(axis=-1) <= radius**2
         more += energy_maps(window[:seers], point, np.asarray(flight, dtype=np.float64) / zone_side, near, n, zoom)
+    if set(RANGE_MAPS) & set(names):
+        has += RANGE_MAPS
+        more += (range_map(np.asarray(reach / zone_side), seers, n),)
     if more:
         levels = np.concatenate([levels, np.stack(more, axis=1).astype(np.float32)], axis=1)
     maps: Maps = chosen(normalise(levels, zoom, has), has, names)

@@ -137,7 +137,8 @@ def _policies(scenario: Scenario) -> list[Policy]:
     """
     if scenario.coordination.policy != "auto":
         return [Policy.load(Path(scenario.coordination.policy))]
-    has = map_names(obstacles=bool(scenario.obstacles.buildings), energy=scenario.energy.charge_per_minute > 0)
+    buildings, charging = bool(scenario.obstacles.buildings), scenario.energy.charge_per_minute > 0
+    has = map_names(obstacles=buildings, energy=charging, tells_range=True)
     shipped = [Policy.builtin(name) for name in builtin_policies()]
     fitting = [policy for policy in shipped if set(policy.card.maps) <= set(has)]
     most = max(fitting, key=lambda policy: len(policy.card.maps)).card.maps
