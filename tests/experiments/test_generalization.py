@@ -12,7 +12,7 @@ from skyrelay.experiments.generalization_tasks import SPECIALIST, fly
 from skyrelay.store.cid import Cid
 
 EPISODES = 4
-LEVEL = {GENERALIST: 0.97, SPECIALIST: 0.96, "static": 0.5, "centroid-linked": 0.9}
+LEVEL = {GENERALIST: 0.97, SPECIALIST: 0.96, "static": 0.5, "centroid-linked": 0.9, "cover": 0.95}
 
 
 def rows(scale="smoke"):

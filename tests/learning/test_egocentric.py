@@ -11,6 +11,7 @@ from skyrelay.core.maps import (
     GLOBAL_LOCATION,
     GLOBAL_TEAM,
     GLOBAL_VEHICLES,
+    LOCAL_LOCATION,
     LOCATION_SCALE,
     PAPER_MAPS,
     map_names,
@@ -32,19 +33,30 @@ def slow(maps, names):
     parts = [egocentric.PLACE_SCALE * column, egocentric.PLACE_SCALE * row]
     for number, name in enumerate(names):
         if name in ("global_team", "global_coverage", "global_vehicles", "global_buildings", "global_charger"):
-            view = np.zeros((SIDE, SIDE))
-            for own_row in range(N):
-                for own_column in range(N):
-                    for r in range(N):
-                        for c in range(N):
-                            view[r - own_row + N - 1, c - own_column + N - 1] += (
-                                row[own_row] * column[own_column] * maps[number, r, c]
-                            )
-            parts.append(view.ravel())
-    local = ("local_buildings", "local_sight", "local_charger")
-    parts += [maps[k].ravel() for k, name in enumerate(names) if name in local]
+            parts.append(moved_by(column, row, maps[number]).ravel())
+    parts += slow_near(maps, names)
     parts += [maps[k, 0, :1] for k, name in enumerate(names) if name in ("own_flight", "at_charger")]
     return np.concatenate(parts)
+
+
+def slow_near(maps, names):
+    """The options' local maps, moved by the own place in the window."""
+    location = maps[LOCAL_LOCATION] / LOCATION_SCALE
+    column, row = location.sum(0), location.sum(1)
+    local = ("local_buildings", "local_sight", "local_charger")
+    return [moved_by(column, row, maps[k]).ravel() for k, name in enumerate(names) if name in local]
+
+
+def moved_by(column, row, content):
+    """[2 n - 1, 2 n - 1], each cell brought to its offsets from every own cell."""
+    view = np.zeros((SIDE, SIDE))
+    for own_row in range(N):
+        for own_column in range(N):
+            for r in range(N):
+                for c in range(N):
+                    offset = r - own_row + N - 1, c - own_column + N - 1
+                    view[offset] += row[own_row] * column[own_column] * content[r, c]
+    return view
 
 
 def slow_in_ranges(maps, names):
@@ -73,8 +85,7 @@ def slow_in_ranges(maps, names):
                     north, east = (r - own_y) / N / reach, (c - own_x) / N / reach
                     view += maps[number, r, c] * np.outer(shares(north), shares(east))
             parts.append(view.ravel())
-    local = ("local_buildings", "local_sight", "local_charger")
-    parts += [maps[k].ravel() for k, name in enumerate(names) if name in local]
+    parts += slow_near(maps, names)
     parts += [maps[k, 0, :1] for k, name in enumerate(names) if name in ("own_flight", "at_charger", "own_range")]
     return np.concatenate(parts)
 

@@ -6,6 +6,7 @@ import difflib
 from typing import Any
 
 from skyrelay.baselines.centroid import Centroid
+from skyrelay.baselines.cover import Cover
 from skyrelay.baselines.placement import Placement
 from skyrelay.baselines.planner import Planner
 from skyrelay.baselines.player import Player, Random, Static, play_from
@@ -19,6 +20,7 @@ BASELINES: dict[str, Player] = {
     "random": Random(),
     "centroid": Centroid(),
     "centroid-linked": Centroid(linked=True),
+    "cover": Cover(),
     "pso-placed": Placement(placed=True),
     "pso": Placement(),
     "pso-10": Placement(period=10),

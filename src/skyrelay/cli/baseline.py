@@ -14,7 +14,7 @@ def command(
     name: Annotated[
         str,
         typer.Argument(
-            help="static, random, centroid, centroid-linked, pso-placed, pso, pso-10, planner, clairvoyant, "
+            help="static, random, centroid, centroid-linked, cover, pso-placed, pso, pso-10, planner, clairvoyant, "
             "or recharge (games with energy)."
         ),
     ],

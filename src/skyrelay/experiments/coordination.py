@@ -27,8 +27,11 @@ from skyrelay.experiments.plotting import line, panels, save
 from skyrelay.experiments.runner import Experiment, Task
 from skyrelay.experiments.statistics import Interval
 
-BASELINES = ("static", "random", "centroid", "centroid-linked", "pso-placed", "pso", "pso-10", "planner", "clairvoyant")
-SHOWN = (OURS, "pso-placed", "pso-10", "static", "centroid-linked", "planner")
+BASELINES = (
+    *("static", "random", "centroid", "centroid-linked", "cover"),
+    *("pso-placed", "pso", "pso-10", "planner", "clairvoyant"),
+)
+SHOWN = (OURS, "pso-placed", "pso-10", "static", "centroid-linked", "cover", "planner")
 """In the figure of coverage and connectivity; its CSV has all."""
 COMPARED = (2, 3)
 """Team sizes at which the paper trains the centralised method, with 20 vehicles."""

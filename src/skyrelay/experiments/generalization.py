@@ -25,7 +25,7 @@ from skyrelay.store.cid import cid_of
 
 GENERALIST = "generalist"
 MEASURES = (("coverage", "coverage"), ("connectivity", "connectivity"))
-RULES = ("static", "centroid-linked")
+RULES = ("static", "centroid-linked", "cover")
 TRACE = "bologna"
 DROP_OUT = 0.005
 """Per UAV and step: of six UAVs, two or three leave in an episode."""

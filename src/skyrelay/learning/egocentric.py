@@ -24,6 +24,7 @@ from skyrelay.core.maps import (
     EVERYWHERE,
     GLOBAL_COVERAGE,
     GLOBAL_LOCATION,
+    LOCAL_LOCATION,
     LOCATION_SCALE,
     PAPER_MAPS,
     RANGE_MAPS,
@@ -52,10 +53,11 @@ def moved(names: Sequence[str]) -> list[int]:
     return [k for k, name in enumerate(names) if name.startswith("global_") and k not in left]
 
 
-def kept(names: Sequence[str]) -> list[int]:
-    """Numbers of the maps that are around the UAV already: those of the options.
+def near(names: Sequence[str]) -> list[int]:
+    """Numbers of the maps about the UAV that are moved: those of the options.
 
-    The paper's two are left out: they show nothing that the moved ones do not.
+    Near the zone's border the window is shifted inward, so that the UAV is not in the middle of these either. The
+    paper's two are left out: they show nothing that the maps over the zone do not.
     """
     return [k for k, name in enumerate(names) if name.startswith("local_") and name not in PAPER_MAPS]
 
@@ -72,14 +74,14 @@ def side(n: int, names: Sequence[str]) -> int:
 
 def width(n: int, names: Sequence[str]) -> int:
     """How many numbers `egocentric` makes of maps of n x n cells."""
-    seen = len(moved(names)) * side(n, names) ** 2
-    return 2 * n + seen + len(kept(names)) * n * n + len(same_everywhere(names))
+    seen = len(moved(names)) * side(n, names) ** 2 + len(near(names)) * (2 * n - 1) ** 2
+    return 2 * n + seen + len(same_everywhere(names))
 
 
 def operations(n: int, names: Sequence[str]) -> int:
     """Floating-point operations of one call: two matrix products for each map that is moved."""
-    to = side(n, names)
-    return len(moved(names)) * 2 * (to * n * n + to * to * n)
+    sides = [side(n, names)] * len(moved(names)) + [2 * n - 1] * len(near(names))
+    return sum(2 * (to * n * n + to * to * n) for to in sides)
 
 
 def offsets(n: int) -> npt.NDArray[np.int64]:
@@ -104,24 +106,43 @@ def egocentric(maps: Float[Array, "batch maps n n"], names: Sequence[str]) -> Fl
 
     Args:
         names: of the maps.
-    Returns: own column and own row [n each]; the global maps [side, side], the UAV in the middle and 0 outside the
-        zone; the options' local maps [n, n]; one number for a map that is the same everywhere.
+    Returns: own column and own row [n each]; the global maps [side, side] and the options' local ones
+        [2 n - 1, 2 n - 1], the UAV in the middle and 0 outside; one number for a map that is the same everywhere.
     """
-    batch, n = maps.shape[0], maps.shape[-1]
-    location = maps[:, GLOBAL_LOCATION] / LOCATION_SCALE
-    column, row = location.sum(1), location.sum(2)
+    column, row = _place(maps, GLOBAL_LOCATION)
     if tells_range(names):
         reach = maps[:, names.index(RANGE_MAPS[0]), 0, 0] / RANGE_SCALE
         across, along = (_in_ranges(own, reach) for own in (column, row))
     else:
-        table, nowhere = offsets(n), jnp.zeros((batch, 1), maps.dtype)
-        across, along = (jnp.concatenate([own, nowhere], 1)[:, table] for own in (column, row))
-    seen = jnp.einsum("bdr,bkrc,bec->bkde", along, maps[:, np.array(moved(names))], across, optimize="optimal")
-    parts = [PLACE_SCALE * column, PLACE_SCALE * row, seen.reshape(batch, -1)]
-    if kept(names):
-        parts.append(maps[:, np.array(kept(names))].reshape(batch, -1))
+        across, along = (_in_cells(own) for own in (column, row))
+    parts = [PLACE_SCALE * column, PLACE_SCALE * row, _move(maps, moved(names), across, along)]
+    if near(names):
+        across, along = (_in_cells(own) for own in _place(maps, LOCAL_LOCATION))
+        parts.append(_move(maps, near(names), across, along))
     parts += [maps[:, number, 0, :1] for number in same_everywhere(names)]
     return jnp.concatenate(parts, 1)
+
+
+def _place(maps: Float[Array, "batch maps n n"], number: int) -> tuple[Array, Array]:
+    """Of the own place on a map: shares of the columns and of the rows [batch, n each]."""
+    location = maps[:, number] / LOCATION_SCALE
+    return location.sum(1), location.sum(2)
+
+
+def _move(
+    maps: Float[Array, "batch maps n n"],
+    numbers: list[int],
+    across: Float[Array, "batch to n"],
+    along: Float[Array, "batch to n"],
+) -> Float[Array, "batch features"]:
+    """Some maps, each column's content brought to where ``across`` says, each row's to where ``along`` does."""
+    seen = jnp.einsum("bdr,bkrc,bec->bkde", along, maps[:, np.array(numbers)], across, optimize="optimal")
+    return seen.reshape(len(maps), -1)
+
+
+def _in_cells(own: Float[Array, "batch n"]) -> Float[Array, "batch offsets n"]:
+    """Of each column's content the share that goes to each offset: as much as of the own place is so far from it."""
+    return jnp.concatenate([own, jnp.zeros((len(own), 1), own.dtype)], 1)[:, offsets(own.shape[1])]
 
 
 def _in_ranges(own: Float[Array, "batch n"], reach: Float[Array, " batch"]) -> Float[Array, "batch marks n"]:

@@ -10,14 +10,14 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from skyrelay.core.flight import ACTIONS
-from skyrelay.core.maps import GLOBAL_LOCATION, LOCATION_SCALE, RANGE_MAPS, RANGE_SCALE
+from skyrelay.core.maps import GLOBAL_LOCATION, LOCAL_LOCATION, LOCATION_SCALE, RANGE_MAPS, RANGE_SCALE
 from skyrelay.learning.egocentric import (
     LEAST_RANGE,
     MARKS,
     PLACE_SCALE,
-    kept,
     marks,
     moved,
+    near,
     offsets,
     same_everywhere,
     tells_range,
@@ -96,23 +96,30 @@ def _egocentric(add: Callable[..., str], constant: Callable[..., str], architect
     def indices(name: str, numbers: Any) -> str:
         return constant(name, np.asarray(numbers), np.int64)
 
-    location = add("Gather", ["maps", indices("own", GLOBAL_LOCATION)], axis=1)
     place_scale = constant("place_scale", np.array(PLACE_SCALE / LOCATION_SCALE))
     location_scale = constant("location_scale", np.array(LOCATION_SCALE))
-    parts, shares = [], []
-    for name, other in (("column", 1), ("row", 2)):
-        own = add("ReduceSum", [location, indices(f"{name}_sum", [other])], keepdims=0)
-        parts.append(add("Mul", [own, place_scale]))
-        shares.append(add("Div", [own, location_scale]))
-    # [batch, 1, side, n]: the same for each map.
-    shift = _shift_in_ranges(add, constant, architecture) if tells_range(names) else _shift_in_cells(add, constant, n)
-    one = indices("one", [1])
-    across, along = (add("Unsqueeze", [shift(share), one]) for share in shares)
-    seen = add("Gather", ["maps", indices("moved", moved(names))], axis=1)
-    seen = add("MatMul", [add("MatMul", [along, seen]), add("Transpose", [across], perm=[0, 1, 3, 2])])
-    parts.append(add("Flatten", [seen], axis=1))
-    if kept(names):
-        parts.append(add("Flatten", [add("Gather", ["maps", indices("kept", kept(names))], axis=1)], axis=1))
+    columns, rows, one = indices("columns", [1]), indices("rows", [2]), indices("one", [1])
+
+    def place(name: str, number: int) -> list[str]:
+        location = add("Gather", ["maps", indices(name, number)], axis=1)
+        return [add("ReduceSum", [location, axis], keepdims=0) for axis in (columns, rows)]
+
+    def move(name: str, numbers: list[int], places: list[str], shift: Callable[[str], str]) -> str:
+        # [batch, 1, side, n]: the same for each map.
+        across, along = (add("Unsqueeze", [shift(add("Div", [own, location_scale])), one]) for own in places)
+        seen = add("Gather", ["maps", indices(name, numbers)], axis=1)
+        seen = add("MatMul", [add("MatMul", [along, seen]), add("Transpose", [across], perm=[0, 1, 3, 2])])
+        return add("Flatten", [seen], axis=1)
+
+    own = place("own", GLOBAL_LOCATION)
+    parts = [add("Mul", [share, place_scale]) for share in own]
+    if tells_range(names):
+        parts.append(move("moved", moved(names), own, _shift_in_ranges(add, constant, architecture)))
+    else:
+        parts.append(move("moved", moved(names), own, _shift_in_cells(add, constant, n, "moved")))
+    if near(names):
+        place_in_window = place("own_in_window", LOCAL_LOCATION)
+        parts.append(move("near", near(names), place_in_window, _shift_in_cells(add, constant, n, "near")))
     if numbers := same_everywhere(names):
         same = add("Gather", ["maps", indices("same", numbers)], axis=1)
         corner = [indices("corner_from", [0, 0]), indices("corner_to", [1, 1]), indices("corner_axes", [2, 3])]
@@ -120,10 +127,10 @@ def _egocentric(add: Callable[..., str], constant: Callable[..., str], architect
     return add("Concat", parts, axis=1)
 
 
-def _shift_in_cells(add: Callable[..., str], constant: Callable[..., str], n: int) -> Callable[[str], str]:
+def _shift_in_cells(add: Callable[..., str], constant: Callable[..., str], n: int, name: str) -> Callable[[str], str]:
     """From shares of the own place [batch, n] to [batch, 2 n - 1, n]: which column comes to which offset."""
-    table = constant("offsets", offsets(n), np.int64)
-    padding = constant("one_after", np.array([0, 0, 0, 1]), np.int64)
+    table = constant(f"{name}_offsets", offsets(n), np.int64)
+    padding = constant(f"{name}_one_after", np.array([0, 0, 0, 1]), np.int64)
 
     def shift(share: str) -> str:
         return add("Gather", [add("Pad", [share, padding]), table], axis=1)

@@ -1,0 +1,85 @@
+"""A rule for each UAV alone, from exact positions: cover more of the own vehicles without losing the team.
+
+The team stays linked without a word: every UAV works out the same minimum spanning tree of the team, and stays within
+half a range of the point midway to each of its neighbours in it. Where both ends of a link do so, the link holds.
+"""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from skyrelay.baselines.centroid import centroids
+from skyrelay.baselines.player import Memory, Player, choices, owned, squared
+from skyrelay.coordination import game
+
+DIRECTIONS = 8
+RADII = (0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5)
+"""Where a UAV considers to go, about where it is [ranges]."""
+EDGE = 0.2
+"""Steps over which a vehicle at the edge of the range counts less and less: it may be gone on arrival."""
+FLIGHT_COST = 0.02
+"""Vehicles that a place must cover more for each step that it is farther away."""
+CENTRE_COST = 0.05
+"""Likewise for each step that it is farther from the centroid of the UAV's vehicles: there they stay longest."""
+GAP_COST = 100.0
+"""Likewise for each step that it is too far for a link: a link outweighs all vehicles."""
+
+
+class Cover(Player):
+    """Every UAV flies to the place where it would cover most of its own vehicles, of those that its links allow.
+
+    Attributes:
+        margin: steps of a UAV by which each end of a link stays nearer to its middle than half a range.
+    """
+
+    margin: float = eqx.field(default=0.0, static=True)
+
+    def act(self, state: game.State, memory: Memory) -> tuple[Int[Array, " uavs"], Memory]:
+        """One step towards the best place, as far as the links hold."""
+        uavs, vehicles, reach, step = (
+            state.uavs,
+            state.traffic.position,
+            state.parameters.reach,
+            state.parameters.uav_step,
+        )
+        neighbors, middle = spanning_tree(uavs, state.flying), 0.5 * (uavs[:, None] + uavs[None])
+
+        def too_far(places: Float[Array, "places uavs 2"]) -> Float[Array, "places uavs"]:
+            """Steps to where every link holds."""
+            beyond = _length(places[:, :, None] - middle) - (0.5 * reach - self.margin * step)
+            return jnp.max(jnp.where(neighbors, jnp.maximum(beyond, 0.0) / step, 0.0), axis=-1)
+
+        places = jnp.clip(uavs + reach * _about()[:, None], 0.0, 1.0)
+        inside = jax.nn.sigmoid((reach - _length(places[:, :, None] - vehicles)) / (EDGE * step))
+        covered = jnp.sum(jnp.where(owned(state), inside, 0.0), axis=-1)
+        flight, off_centre = _length(places - uavs) / step, _length(places - centroids(state)) / step
+        worth = covered - FLIGHT_COST * flight - CENTRE_COST * off_centre - GAP_COST * too_far(places)
+        best = jnp.take_along_axis(places, jnp.argmax(worth, axis=0)[None, :, None], axis=0)[0]
+
+        options = choices(state)
+        return jnp.argmin(_length(options - best) / step + GAP_COST * too_far(options), axis=0), memory
+
+
+def spanning_tree(uavs: Float[Array, "uavs 2"], active: Bool[Array, " uavs"]) -> Bool[Array, "uavs uavs"]:
+    """Which pairs are neighbours in the team's minimum spanning tree: no detour between them has shorter hops only."""
+    rows = jnp.arange(len(uavs))
+    both = active[:, None] & active[None] & (rows[:, None] != rows)
+    hop = jnp.where(both, _length(uavs[:, None] - uavs[None]), jnp.inf)
+    longest = hop
+    for over in range(len(uavs)):
+        longest = jnp.minimum(longest, jnp.maximum(longest[:, over, None], longest[over]))
+    return both & (hop <= longest)
+
+
+def _about() -> Float[Array, "places 2"]:
+    """The places that a UAV considers, seen from where it is [ranges]; the first is where it is."""
+    angles = 2.0 * jnp.pi * jnp.arange(DIRECTIONS) / DIRECTIONS
+    circle = jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
+    return jnp.concatenate([jnp.zeros((1, 2)), *(radius * circle for radius in RADII)])
+
+
+def _length(vectors: Float[Array, "*batch 2"]) -> Float[Array, "*batch"]:
+    return jnp.sqrt(squared(vectors))
