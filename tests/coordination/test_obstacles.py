@@ -17,7 +17,7 @@ from skyrelay.coordination.obstacles import Cities
 from skyrelay.coordination.settings import Shape, physical
 from skyrelay.core import flight
 from skyrelay.core.errors import UsageError
-from skyrelay.core.maps import OBSTACLE_MAPS, PAPER_MAPS, footprint, map_names, normalise
+from skyrelay.core.maps import OBSTACLE_MAPS, PAPER_MAPS, SIGHT_SCALE, footprint, map_names, normalise
 from skyrelay.policy import observe_team
 
 # Small whole numbers: products are exact, so that no rounding decides what is in sight.
@@ -152,7 +152,7 @@ def test_maps_equal_the_plain_loops_in_the_game_and_in_flight(seed):
     for i in np.flatnonzero(active):
         vehicles_of = max(int((owner == i).sum()), 1)
         for y, x in np.ndindex(5, 5):
-            assert flown[i, 8, y, x] == pytest.approx(maps[i, 8, y, x] / vehicles_of)
+            assert flown[i, 8, y, x] == pytest.approx(SIGHT_SCALE * maps[i, 8, y, x] / vehicles_of)
             assert flown[i, 6, y, x] == 0.5 * maps[i, 6, y, x]
             assert flown[i, 7, y, x] == 0.5 * maps[i, 7, y, x] / 4
     blind = observe_team(uavs, vehicles, owner, (0.0, 0.0), 1.0, 0.5, n=5, zoom=2, names=names)

@@ -11,7 +11,6 @@ import pytest
 from skyrelay.chain.client import IovClient, Role, Settings, VehicleRecord
 from skyrelay.chain.embedded import EmbeddedChain
 from skyrelay.core.errors import StoreError
-from skyrelay.core.maps import CHANNELS
 from skyrelay.policy import Policy
 from skyrelay.protocol.uav import UavAgent
 from skyrelay.simulation.consortium import chain_card
@@ -117,7 +116,7 @@ def test_a_uav_that_knows_only_the_cid_from_the_chain_flies_the_published_policy
     policy = Policy.builtin("generalist")
     with EmbeddedChain(tmp_path / "chain") as chain:
         administrator, vehicle = chain.account("administrator"), chain.account("vehicle")
-        client = IovClient.deploy(chain, Settings(), administrator)
+        client = IovClient.deploy(chain, Settings(channels=len(policy.card.maps)), administrator)
         for role in (Role.COORDINATOR, Role.PUBLISHER):
             client.execute([client.grant_role(administrator, role, administrator)])
         published = KuboStore(swarm[0].url).put(policy.content)
@@ -135,5 +134,5 @@ def test_a_uav_that_knows_only_the_cid_from_the_chain_flies_the_published_policy
         assert model is not None
         flown = agent.equip(Cid.from_bytes(model.cid))
     assert flown.content == policy.content
-    maps = np.zeros((1, CHANNELS, flown.n, flown.n), np.float32)
+    maps = np.zeros((1, len(flown.card.maps), flown.n, flown.n), np.float32)
     assert flown.decide(maps).shape == (1,)

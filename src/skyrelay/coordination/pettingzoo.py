@@ -90,7 +90,7 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
 
     @cache  # noqa: B019, the API wants the same object each time
     def observation_space(self, agent: str) -> gymnasium.spaces.Box:  # noqa: ARG002, the API's
-        """The six maps of one UAV; each agent has its own space, so that each can be seeded."""
+        """The maps of one UAV; each agent has its own space, so that each can be seeded."""
         space = self._observation_space
         return gymnasium.spaces.Box(space.low, space.high, dtype=np.float32)
 

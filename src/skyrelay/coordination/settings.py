@@ -26,7 +26,7 @@ class Shape:
 
     Attributes:
         uavs, vehicles: rows for the largest team and the most vehicles; smaller games leave rows empty.
-        n: side of the six maps [cells], odd.
+        n: side of the maps [cells], odd.
         zoom: the full maps have zoom x n cells a side.
         steps: length of an episode.
         mobility: how vehicles move; "mixed" lets each game choose, "replay" takes positions from a trace.
