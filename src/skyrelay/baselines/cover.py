@@ -6,7 +6,6 @@ half a range of the point midway to each of its neighbours in it. Where both end
 
 from __future__ import annotations
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -29,28 +28,18 @@ GAP_COST = 100.0
 
 
 class Cover(Player):
-    """Every UAV flies to the place where it would cover most of its own vehicles, of those that its links allow.
-
-    Attributes:
-        margin: steps of a UAV by which each end of a link stays nearer to its middle than half a range.
-    """
-
-    margin: float = eqx.field(default=0.0, static=True)
+    """Every UAV flies to the place where it would cover most of its own vehicles, of those that its links allow."""
 
     def act(self, state: game.State, memory: Memory) -> tuple[Int[Array, " uavs"], Memory]:
         """One step towards the best place, as far as the links hold."""
-        uavs, vehicles, reach, step = (
-            state.uavs,
-            state.traffic.position,
-            state.parameters.reach,
-            state.parameters.uav_step,
-        )
+        uavs, vehicles = state.uavs, state.traffic.position
+        reach, step = state.parameters.reach, state.parameters.uav_step
         neighbors, middle = spanning_tree(uavs, state.flying), 0.5 * (uavs[:, None] + uavs[None])
 
         def too_far(places: Float[Array, "places uavs 2"]) -> Float[Array, "places uavs"]:
             """Steps to where every link holds."""
-            beyond = _length(places[:, :, None] - middle) - (0.5 * reach - self.margin * step)
-            return jnp.max(jnp.where(neighbors, jnp.maximum(beyond, 0.0) / step, 0.0), axis=-1)
+            beyond = jnp.maximum(_length(places[:, :, None] - middle) - 0.5 * reach, 0.0) / step
+            return jnp.max(jnp.where(neighbors, beyond, 0.0), axis=-1)
 
         places = jnp.clip(uavs + reach * _about()[:, None], 0.0, 1.0)
         inside = jax.nn.sigmoid((reach - _length(places[:, :, None] - vehicles)) / (EDGE * step))
