@@ -116,7 +116,7 @@ class Domain:
         drop_out: as in `Parameters`, in games with drop-outs.
         cities: what is built; None for open ground.
         batteries: of games with energy; None for those without.
-        even: small teams come up more often (as one over their size), so that teams of each size make about as many
+        weighted: small teams come up more often (as one over their size), so that teams of each size make about as many
             decisions, and wide zones (as their ratio, which is uniform in area): there most is left to learn. Else each
             size comes up as often, and each ratio.
     """
@@ -136,7 +136,7 @@ class Domain:
     drop_out: Interval = (0.0, 0.0)
     cities: Cities | None = None
     batteries: Batteries | None = None
-    even: bool = False
+    weighted: bool = False
 
     def __post_init__(self) -> None:
         for name in ("uavs", "vehicles"):
@@ -148,7 +148,7 @@ class Domain:
     def team_sizes(self) -> npt.NDArray[np.float64]:
         """[sizes] how likely each team size is, from the smallest to the largest."""
         sizes = np.arange(self.uavs[0], self.uavs[1] + 1)
-        weights = 1.0 / sizes if self.even else np.ones(len(sizes))
+        weights = 1.0 / sizes if self.weighted else np.ones(len(sizes))
         shares: npt.NDArray[np.float64] = weights / weights.sum()
         return shares
 
@@ -178,7 +178,7 @@ class Domain:
         return Parameters(
             uavs=team(),
             vehicles=count(self.vehicles),
-            reach=1.0 / (jnp.sqrt(between(areas)) if self.even else between(self.ratio)),
+            reach=1.0 / (jnp.sqrt(between(areas)) if self.weighted else between(self.ratio)),
             uav_step=uav_step,
             slowest=fastest * self.slow_share,
             fastest=fastest,
@@ -239,5 +239,5 @@ def varied(uavs: tuple[int, int] = (2, 8), vehicles: tuple[int, int] = (1, 40)) 
         astray=(0.0, 0.5),
         waypoint=0.3,
         drop_out=(0.0, 0.002),
-        even=True,
+        weighted=True,
     )
