@@ -42,6 +42,52 @@ def observe(uavs, active, vehicles, owner, reach, n, zoom):
     return result
 
 
+def outlook_maps(uavs, active, vehicles, owner, reach, step, n, seen=lambda vehicle, uav: True):
+    """[N, 2, n, n] levels of safe moves and of cover nearby.
+
+    Args:
+        seen: whether the line between two points is clear.
+    """
+    result = np.zeros((len(uavs), 2, n, n), dtype=np.int64)
+    team = [j for j in range(len(uavs)) if active[j]]
+    tree = spanning_tree([uavs[j] for j in team])
+    for i, uav in enumerate(uavs):
+        if not active[i]:
+            continue
+        middles = []
+        for a, b in tree:
+            if i in (team[a], team[b]):
+                middles.append(0.5 * (uavs[team[a]] + uavs[team[b]]))
+        away, cells = [], []
+        for action in range(9):
+            heading = np.array([math.cos(math.pi * action / 4), math.sin(math.pi * action / 4)]) * (action > 0)
+            place = np.clip(uav + step * heading, 0.0, 1.0)
+            away.append(max([0.0] + [math.dist(place, middle) - 0.5 * (1 - 1e-5) * reach for middle in middles]))
+            cells.append([n // 2 + round(c) for c in (heading[1], heading[0])])
+        for far, (row, column) in zip(away, cells, strict=True):
+            result[i, 0, row, column] = far <= min(away) + 1e-3 * step * (min(away) > 0)
+        for row in range(n):
+            for column in range(n):
+                k = np.array([column, row]) - n // 2
+                ring = max(abs(k))
+                place = np.clip(uav + step * ring**1.25 * k / max(math.hypot(*k), 1), 0.0, 1.0)
+                for v, vehicle in enumerate(vehicles):
+                    if owner[v] == i and math.dist(place, vehicle) <= reach and seen(vehicle, place):
+                        result[i, 1, row, column] += 1
+    return result
+
+
+def spanning_tree(places):
+    """Pairs of neighbours, by Prim's algorithm."""
+    inside, pairs = {0}, []
+    while len(inside) < len(places):
+        outside = set(range(len(places))) - inside
+        pair = min(((a, b) for a in inside for b in outside), key=lambda ab: math.dist(places[ab[0]], places[ab[1]]))
+        pairs.append(pair)
+        inside.add(pair[1])
+    return pairs
+
+
 def bilinear(full, n, zoom):
     """A full map downsampled by the tent filter, in units of 1 / (2 zoom)^2; beyond the border the edge repeats."""
     coarse = np.zeros((n, n))

@@ -12,7 +12,8 @@ import pytest
 
 from skyrelay.coordination import game, observation
 from skyrelay.coordination.settings import Shape, physical
-from skyrelay.core.maps import LOCAL_VEHICLES, PAPER_MAPS, VEHICLE_SCALE, map_names, normalise
+from skyrelay.core.guard import safe_moves
+from skyrelay.core.maps import COVER_SCALE, LOCAL_VEHICLES, PAPER_MAPS, VEHICLE_SCALE, map_names, normalise, safe_of
 from skyrelay.policy import observation as flying
 
 observe = jax.jit(observation.observe, static_argnames=("n", "zoom"))
@@ -85,6 +86,54 @@ def test_the_range_is_told_in_the_game_and_in_flight():
         )
         np.testing.assert_allclose(flown, np.asarray(normalise(maps[:3], 3, names)), rtol=1e-6)
         assert flown[0, 6, 0, 0] == pytest.approx(1 / ratio, abs=1 / 255)
+
+
+@pytest.mark.parametrize("n", [5, 9, 11])
+@pytest.mark.parametrize("vehicles", [0, 1, 30])
+def test_the_outlook_equals_the_plain_loops_in_the_game_and_in_flight(n, vehicles):
+    names = map_names(obstacles=False, energy=False, outlook=True)
+    assert names == (*PAPER_MAPS, "safe_moves", "cover_nearby")
+    shape = Shape(5, max(vehicles, 1), n=n, outlook=True)
+    domain = replace(physical((4, 4), (1, 1)), ratio=(3.0, 3.0))
+    corner, side = (-512.0, 2048.0), 1024.0
+    moves = []
+    for seed in range(5):
+        state = game.reset(jax.random.key(seed), shape, domain.draw(jax.random.key(4)))
+        state = replace(state, present=jnp.arange(shape.vehicles) < vehicles)
+        maps = np.asarray(jax.jit(game.observe)(state))
+        uavs, active, places = (np.asarray(x) for x in (state.uavs, state.active, state.traffic.position))
+        owner, step = np.asarray(state.served_by), float(state.parameters.uav_step)
+        expected = reference.outlook_maps(uavs, active, places, owner, 1 / 3, step, n)
+        np.testing.assert_array_equal(maps[:, 6:], expected)
+        moves.append(expected[:4, 0].sum(axis=(1, 2)))
+        in_metres = {"n": n, "zoom": 2, "names": names, "step": step * side}
+        flown = flying.observe_team(
+            uavs[:4] * side + corner, places * side + corner, owner, corner, side, side / 3, **in_metres
+        )
+        np.testing.assert_allclose(flown, np.asarray(normalise(maps[:4], 2, names)), rtol=1e-6)
+        others, own = np.delete(uavs[:4], 1, axis=0), places[owner == 1]
+        alone = flying.observe(
+            *(x * side + corner for x in (uavs[1], others, own)), corner, side, side / 3, **in_metres
+        )
+        np.testing.assert_allclose(alone, flown[1], rtol=1e-6)
+        shown = np.asarray(safe_of(jnp.asarray(flown), names))
+        np.testing.assert_array_equal(shown, safe_moves(uavs[:4], active[:4], np.float32(1 / 3), np.float32(step)).T)
+    assert 1 <= np.min(moves) < np.max(moves) <= 9
+
+
+def test_what_is_covered_nearby_is_in_sight():
+    """A wall between a UAV and its vehicle: it is covered from where the wall is not in the way."""
+    names, wall = map_names(obstacles=True, energy=False, outlook=True), np.array([[48.0, 55.0, 52.0, 55.0, 0.9]])
+    uav, vehicle = np.array([[50.0, 50.0]]), np.array([[50.0, 60.0]])
+    options = {"n": 5, "zoom": 2, "names": names, "step": 5.0}
+    behind = flying.observe_team(
+        uav, vehicle, np.array([0]), (0.0, 0.0), 100.0, 30.0, walls=np.repeat(wall, 3, 0), **options
+    )
+    clear = flying.observe_team(uav, vehicle, np.array([0]), (0.0, 0.0), 100.0, 30.0, **options)
+    cover = names.index("cover_nearby")
+    assert (clear[0, cover] == COVER_SCALE).all()
+    assert behind[0, cover, 2].tolist() == [COVER_SCALE, COVER_SCALE, 0.0, COVER_SCALE, COVER_SCALE]
+    assert behind[0, cover, 4, 2] == COVER_SCALE  # on the vehicle's side of the wall
 
 
 def test_absent_and_outlying_vehicles():

@@ -34,7 +34,7 @@ def slow(maps, names):
     for number, name in enumerate(names):
         if name in ("global_team", "global_coverage", "global_vehicles", "global_buildings", "global_charger"):
             parts.append(moved_by(column, row, maps[number]).ravel())
-    parts += slow_near(maps, names)
+    parts += slow_near(maps, names) + slow_ahead(maps, names)
     parts += [maps[k, 0, :1] for k, name in enumerate(names) if name in ("own_flight", "at_charger")]
     return np.concatenate(parts)
 
@@ -45,6 +45,17 @@ def slow_near(maps, names):
     column, row = location.sum(0), location.sum(1)
     local = ("local_buildings", "local_sight", "local_charger")
     return [moved_by(column, row, maps[k]).ravel() for k, name in enumerate(names) if name in local]
+
+
+def slow_ahead(maps, names):
+    """What is covered from nearby, against what is from the middle; and that."""
+    if "cover_nearby" not in names:
+        return []
+    cover = maps[names.index("cover_nearby")]
+    return [
+        np.array([cover[r, c] - cover[N // 2, N // 2] for r in range(N) for c in range(N)]),
+        cover[N // 2, [N // 2]],
+    ]
 
 
 def moved_by(column, row, content):
@@ -85,7 +96,7 @@ def slow_in_ranges(maps, names):
                     north, east = (r - own_y) / N / reach, (c - own_x) / N / reach
                     view += maps[number, r, c] * np.outer(shares(north), shares(east))
             parts.append(view.ravel())
-    parts += slow_near(maps, names)
+    parts += slow_near(maps, names) + slow_ahead(maps, names)
     parts += [maps[k, 0, :1] for k, name in enumerate(names) if name in ("own_flight", "at_charger", "own_range")]
     return np.concatenate(parts)
 
@@ -93,8 +104,9 @@ def slow_in_ranges(maps, names):
 @pytest.mark.parametrize("obstacles", [False, True])
 @pytest.mark.parametrize("energy", [False, True])
 @pytest.mark.parametrize("tells_range", [False, True])
-def test_equals_the_plain_loops(obstacles, energy, tells_range):
-    names = map_names(obstacles=obstacles, energy=energy, tells_range=tells_range)
+@pytest.mark.parametrize("outlook", [False, True])
+def test_equals_the_plain_loops(obstacles, energy, tells_range, outlook):
+    names = map_names(obstacles=obstacles, energy=energy, tells_range=tells_range, outlook=outlook)
     maps = np.random.default_rng(1).random((3, len(names), N, N)).astype(np.float32)
     seen = egocentric.egocentric(jnp.asarray(maps), names)
     assert seen.shape == (3, egocentric.width(N, names))
@@ -151,6 +163,8 @@ def test_in_ranges_the_same_at_every_scale(number):
     assert seen[0] == pytest.approx((0.4, 0.8) if number == GLOBAL_TEAM else (0.8, -0.4), abs=1 / (3 * n))
 
 
-@pytest.mark.parametrize("names", [PAPER_MAPS, map_names(obstacles=False, energy=False, tells_range=True)])
+@pytest.mark.parametrize(
+    "names", [PAPER_MAPS, map_names(obstacles=False, energy=False, tells_range=True, outlook=True)]
+)
 def test_an_empty_row_is_zeros(names):
     assert not jnp.any(egocentric.egocentric(jnp.zeros((1, len(names), N, N)), names))

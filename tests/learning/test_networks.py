@@ -12,7 +12,7 @@ import onnx
 import pytest
 
 from skyrelay.core.errors import UsageError
-from skyrelay.core.maps import map_names
+from skyrelay.core.maps import map_names, safe_of
 from skyrelay.learning import networks
 from skyrelay.learning.networks import FAST, GENERALIST, PAPER, Architecture
 from skyrelay.learning.onnx import export
@@ -77,8 +77,10 @@ def card(n):
         Architecture(n=7, channels=(), strides=(), pools=(), hidden=(6,)),
         replace(FAST, maps=map_names(obstacles=True, energy=True)),
         replace(GENERALIST, maps=map_names(obstacles=True, energy=False, tells_range=True)),
+        replace(FAST, maps=map_names(obstacles=False, energy=False, outlook=True)),
+        replace(PAPER, maps=map_names(obstacles=False, energy=True, outlook=True)),
     ],
-    ids=["paper", "fast", "strided", "connected", "options", "range"],
+    ids=["paper", "fast", "strided", "connected", "options", "range", "outlook", "outlook-paper"],
 )
 def test_onnx_agrees_with_the_network(architecture):
     network = networks.actor(jax.random.key(4), architecture)
@@ -96,6 +98,25 @@ def test_onnx_agrees_with_the_network(architecture):
     clear = top[:, -1] - top[:, -2] > 1e-3
     assert clear.mean() > 0.9
     np.testing.assert_array_equal(policy.decide(maps)[clear], expected.argmax(axis=1)[clear])
+
+
+def test_a_guarded_network_takes_safe_moves_only():
+    """Whatever it has learned; and where it is told of none, the one that it values most."""
+    names = map_names(obstacles=False, energy=False, outlook=True)
+    network = networks.actor(jax.random.key(1), replace(FAST, maps=names))
+    network = eqx.tree_at(lambda net: net.layers[-1].weight, network, network.layers[-1].weight * 100)
+    maps = np.array(jax.random.uniform(jax.random.key(2), (200, len(names), FAST.n, FAST.n)))
+    maps[:, -2] = maps[:, -2] > 0.8
+    safe = np.asarray(safe_of(jnp.asarray(maps), names)).astype(bool)
+    logits = np.asarray(network(maps))
+    some = safe.any(axis=1)
+    assert 100 < some.sum() < 200
+    assert safe[some, logits[some].argmax(axis=1)].all()
+    assert (np.asarray(jax.nn.softmax(logits))[~safe & some[:, None]] == 0).all()
+    free = networks.Network(jax.random.key(1), network.architecture, 9, 1.0)
+    free = eqx.tree_at(lambda net: net.layers, free, network.layers)
+    np.testing.assert_array_equal(logits[~some].argmax(axis=1), np.asarray(free(maps))[~some].argmax(axis=1))
+    assert not networks.critic(jax.random.key(1), replace(FAST, maps=names)).guarded
 
 
 def test_the_file_is_plain_onnx():

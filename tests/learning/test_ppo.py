@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from skyrelay.coordination.observation import observe
+from skyrelay.coordination.settings import physical
 from skyrelay.core.flight import unit_moves
-from skyrelay.core.maps import normalise
+from skyrelay.core.maps import normalise, outlook_maps
 from skyrelay.learning import networks, ppo
 from skyrelay.learning.networks import Architecture
 
@@ -89,6 +90,38 @@ def test_turned_experience_is_what_a_turned_game_shows(side):
     moves = unit_moves()
     expected = turn(moves[np.array([3, 0])] + 0.5, side) - 0.5
     np.testing.assert_allclose(moves[np.asarray(turned.action)], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("side", range(ppo.SYMMETRIES))
+def test_a_turned_outlook_is_what_a_turned_game_shows(side):
+    random = np.random.default_rng(side)
+    uavs, vehicles = random.uniform(0.2, 0.8, (3, 2)).astype(np.float32), random.uniform(0, 1, (9, 2))
+    own = jnp.asarray(random.integers(0, 3, 9) == np.arange(3)[:, None])
+
+    def see(uavs, vehicles):
+        places, active = (jnp.asarray(x, jnp.float32) for x in (uavs, vehicles)), jnp.ones(3, bool)
+        uavs, vehicles = places
+        return jnp.stack(outlook_maps(uavs, active, own, vehicles, jnp.float32(0.2), jnp.float32(0.05), 7), axis=1)
+
+    zeros = jnp.zeros(3)
+    turned = ppo.turned(ppo.Experience(see(uavs, vehicles), jnp.zeros(3, int), *[zeros] * 4), jnp.int32(side))
+    np.testing.assert_array_equal(turned.maps, see(turn(uavs, side), turn(vehicles, side)))
+    assert 0 < np.asarray(turned.maps)[:, 0].sum() < 27
+
+
+def test_a_guarded_team_loses_no_link_while_it_learns(tiny):
+    """It explores, and yet: once linked, always linked."""
+    shape = dataclasses.replace(tiny.shape, outlook=True, steps=100)
+    actor = dataclasses.replace(tiny.hyperparameters.actor, maps=shape.maps)
+    config = dataclasses.replace(tiny.hyperparameters, actor=actor, critic=actor, games=32, horizon=50)
+    domain = physical((2, 2), (4, 4))
+    learner = eqx.filter_jit(ppo.begin)(jax.random.key(0), config, shape, domain, 4)
+    _, experience, score = eqx.filter_jit(lambda learner: ppo.collect(learner, config, domain))(learner)
+    linked, clock = np.asarray(score.connectivity), np.asarray(learner.games.time) + np.arange(1, 51)[:, None]
+    before = (linked == 1.0) & (clock != shape.steps)  # then another game begins
+    assert 0.5 < before.mean() < 1.0
+    assert (linked[1:][before[:-1]] == 1.0).all()
+    assert len(np.unique(np.asarray(experience.action))) == 9
 
 
 def test_collecting_goes_through_time_limits(tiny):

@@ -1,18 +1,18 @@
 """A rule for each UAV alone, from exact positions: cover more of the own vehicles without losing the team.
 
-The team stays linked without a word: every UAV works out the same minimum spanning tree of the team, and stays within
-half a range of the point midway to each of its neighbours in it. Where both ends of a link do so, the link holds.
+The team stays linked without a word (`skyrelay.core.guard`).
 """
 
 from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from skyrelay.baselines.centroid import centroids
 from skyrelay.baselines.player import Memory, Player, choices, owned, squared
 from skyrelay.coordination import game
+from skyrelay.core.guard import too_far
 
 DIRECTIONS = 8
 RADII = (0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5)
@@ -34,33 +34,21 @@ class Cover(Player):
         """One step towards the best place, as far as the links hold."""
         uavs, vehicles = state.uavs, state.traffic.position
         reach, step = state.parameters.reach, state.parameters.uav_step
-        neighbors, middle = spanning_tree(uavs, state.flying), 0.5 * (uavs[:, None] + uavs[None])
 
-        def too_far(places: Float[Array, "places uavs 2"]) -> Float[Array, "places uavs"]:
+        def gap(places: Float[Array, "places uavs 2"]) -> Float[Array, "places uavs"]:
             """Steps to where every link holds."""
-            beyond = jnp.maximum(_length(places[:, :, None] - middle) - 0.5 * reach, 0.0) / step
-            return jnp.max(jnp.where(neighbors, beyond, 0.0), axis=-1)
+            steps: Float[Array, "places uavs"] = too_far(places, uavs, state.flying, reach) / step
+            return steps
 
         places = jnp.clip(uavs + reach * _about()[:, None], 0.0, 1.0)
         inside = jax.nn.sigmoid((reach - _length(places[:, :, None] - vehicles)) / (EDGE * step))
         covered = jnp.sum(jnp.where(owned(state), inside, 0.0), axis=-1)
         flight, off_centre = _length(places - uavs) / step, _length(places - centroids(state)) / step
-        worth = covered - FLIGHT_COST * flight - CENTRE_COST * off_centre - GAP_COST * too_far(places)
+        worth = covered - FLIGHT_COST * flight - CENTRE_COST * off_centre - GAP_COST * gap(places)
         best = jnp.take_along_axis(places, jnp.argmax(worth, axis=0)[None, :, None], axis=0)[0]
 
         options = choices(state)
-        return jnp.argmin(_length(options - best) / step + GAP_COST * too_far(options), axis=0), memory
-
-
-def spanning_tree(uavs: Float[Array, "uavs 2"], active: Bool[Array, " uavs"]) -> Bool[Array, "uavs uavs"]:
-    """Which pairs are neighbours in the team's minimum spanning tree: no detour between them has shorter hops only."""
-    rows = jnp.arange(len(uavs))
-    both = active[:, None] & active[None] & (rows[:, None] != rows)
-    hop = jnp.where(both, _length(uavs[:, None] - uavs[None]), jnp.inf)
-    longest = hop
-    for over in range(len(uavs)):
-        longest = jnp.minimum(longest, jnp.maximum(longest[:, over, None], longest[over]))
-    return both & (hop <= longest)
+        return jnp.argmin(_length(options - best) / step + GAP_COST * gap(options), axis=0), memory
 
 
 def _about() -> Float[Array, "places 2"]:

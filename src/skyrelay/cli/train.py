@@ -29,6 +29,9 @@ def command(
             "--games", help="paper (one scale), varied (many scales, traffic, drop-outs), obstacles or energy."
         ),
     ] = "paper",
+    paper_maps: Annotated[
+        bool, typer.Option("--paper-maps", help="Learn from the paper's six maps alone: no outlook, no guarded links.")
+    ] = False,
     steps: Annotated[
         int | None, typer.Option("--steps", min=1, help="Steps of a team; left out: the preset's.", show_default=False)
     ] = None,
@@ -60,7 +63,7 @@ def command(
     from skyrelay.learning.presets import training
     from skyrelay.learning.training import estimate, train, train_side_by_side
 
-    config = training(preset, team, traffic, steps=steps, seed=seed, games=games)  # type: ignore[arg-type]
+    config = training(preset, team, traffic, steps=steps, seed=seed, games=games, paper_maps=paper_maps)  # type: ignore[arg-type]
     line = shlex.join(["skyrelay", "train", *_arguments(sys.argv)])
     with TrainingProgress() as progress:
         if preset == "paper":

@@ -166,9 +166,9 @@ def observe(state: State) -> UInt8[Array, "uavs maps n n"]:
     n, zoom, position, served_by = shape.n, shape.zoom, state.traffic.position, state.served_by
     six = observe_maps(state.uavs, state.active, position, served_by, parameters.reach, n, zoom)
     window = jnp.clip(maps.cell_of(state.uavs, n * zoom) - n // 2, 0, n * zoom - n)
+    own = served_by == jnp.arange(shape.uavs)[:, None]
     more: tuple[Array, ...] = ()
     if state.built is not None:
-        own = served_by == jnp.arange(shape.uavs)[:, None]
         more += maps.obstacle_maps(window, own, position, parameters.reach, parameters.walls, state.built, n, zoom)
     charging = parameters.charging
     if state.charge is not None and charging is not None:
@@ -176,6 +176,9 @@ def observe(state: State) -> UInt8[Array, "uavs maps n n"]:
         more += maps.energy_maps(window, charging.point, flight, energy.at_charger(state.uavs, charging), n, zoom)
     if shape.tells_range:
         more += (maps.range_map(parameters.reach, shape.uavs, n),)
+    if shape.outlook:
+        reach, step, walls = parameters.reach, parameters.uav_step, parameters.walls
+        more += maps.outlook_maps(state.uavs, state.flying, own, position, reach, step, n, walls)
     if not more:
         return six
     further = jnp.where(state.active[:, None, None, None], jnp.stack(more, axis=1), 0)

@@ -20,10 +20,12 @@ from skyrelay.core.flight import ACTIONS, STAY
 from skyrelay.core.maps import (
     BUILDING_SCALE,
     CHARGER_SCALE,
+    COVER_SCALE,
     COVERAGE_SCALE,
     FLIGHT_SCALE,
     LOCATION_SCALE,
     RANGE_SCALE,
+    SAFE_SCALE,
     SIGHT_SCALE,
     TEAM_SCALE,
     VEHICLE_SCALE,
@@ -79,6 +81,8 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
             "own_flight": FLIGHT_SCALE,
             "at_charger": CHARGER_SCALE,
             "own_range": RANGE_SCALE,
+            "safe_moves": SAFE_SCALE,
+            "cover_nearby": COVER_SCALE,
         }
         top = np.array([tops[name] for name in shape.maps], np.float32)
         high = np.broadcast_to(top[:, None, None], (len(top), shape.n, shape.n))

@@ -34,6 +34,7 @@ class Shape:
         walls: rows for the walls of buildings, which block the sight from UAVs to vehicles; 0 for open ground.
         energy: UAVs have a charge, spend it, and charge at a point.
         tells_range: the observation tells how far the links reach, which differs from game to game.
+        outlook: the observation tells which moves keep the links, and how many own vehicles are covered from nearby.
 
     An option that is off costs nothing in a compiled step.
 
@@ -51,6 +52,7 @@ class Shape:
     walls: int = 0
     energy: bool = False
     tells_range: bool = False
+    outlook: bool = False
 
     def __post_init__(self) -> None:
         for name, low, high in (("uavs", 1, 16), ("vehicles", 1, 255), ("steps", 1, 100_000), ("zoom", 2, 3)):
@@ -63,7 +65,9 @@ class Shape:
     @property
     def maps(self) -> tuple[str, ...]:
         """Names of the observation's maps."""
-        return map_names(obstacles=self.walls > 0, energy=self.energy, tells_range=self.tells_range)
+        return map_names(
+            obstacles=self.walls > 0, energy=self.energy, tells_range=self.tells_range, outlook=self.outlook
+        )
 
 
 class Parameters(NamedTuple):

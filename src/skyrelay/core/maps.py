@@ -8,7 +8,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from skyrelay.core.flight import in_sight
+import numpy as np
+
+from skyrelay.core.flight import in_sight, unit_moves
+from skyrelay.core.guard import safe_moves
 
 LOCAL_LOCATION, LOCAL_VEHICLES, GLOBAL_LOCATION, GLOBAL_TEAM, GLOBAL_COVERAGE, GLOBAL_VEHICLES = range(6)
 CHANNELS = 6
@@ -27,7 +30,9 @@ OBSTACLE_MAPS = ("local_buildings", "global_buildings", "local_sight")
 ENERGY_MAPS = ("local_charger", "global_charger", "own_flight", "at_charger")
 """After those where charge counts: the charging point, how far the UAV can still fly, whether hovering here charges."""
 RANGE_MAPS = ("own_range",)
-"""Last, where games are of many scales: how far the links reach."""
+"""After those where games are of many scales: how far the links reach."""
+OUTLOOK_MAPS = ("safe_moves", "cover_nearby")
+"""Last, where a UAV looks ahead: which moves keep its links, and how many own vehicles it would cover from where."""
 EVERYWHERE = ("own_flight", "at_charger", "own_range")
 """Maps that are one number, the same in every cell."""
 
@@ -40,21 +45,27 @@ SIGHT_SCALE = 3.0
 FLIGHT_SCALE = 2.0
 CHARGER_SCALE = 1.0
 RANGE_SCALE = 1.0
+SAFE_SCALE = 1.0
+COVER_SCALE = 3.0
 """What a UAV's own cell, a team mate, a UAV that covers a whole block, all own vehicles together, a built-up cell, all
-own vehicles in sight, a flight of `FAR` zone sides, being at the charging point and a range of one zone side come to.
+own vehicles in sight, a flight of `FAR` zone sides, being at the charging point, a range of one zone side, a move that
+keeps the links and all own vehicles covered come to.
 
 Maps of one cell and maps of many then weigh about the same, which is what a network learns fastest from.
 """
 
+NEARBY = 1.25
+"""The k-th ring of cells of `cover_nearby` are places k to this power steps of a UAV away; its first, the 8 moves'."""
 FAR = 2.0
 """Zone sides that a UAV can still fly, beyond which it need not know: there and back is less."""
 FAR_LEVEL = 255
 """The level of `FAR` and of more; and of a range of one zone side and of more."""
 
 
-def map_names(*, obstacles: bool, energy: bool, tells_range: bool = False) -> tuple[str, ...]:
+def map_names(*, obstacles: bool, energy: bool, tells_range: bool = False, outlook: bool = False) -> tuple[str, ...]:
     """The maps of a game or a run with these options, in order."""
-    return PAPER_MAPS + OBSTACLE_MAPS * obstacles + ENERGY_MAPS * energy + RANGE_MAPS * tells_range
+    options = OBSTACLE_MAPS * obstacles + ENERGY_MAPS * energy + RANGE_MAPS * tells_range + OUTLOOK_MAPS * outlook
+    return PAPER_MAPS + options
 
 
 def normalise(levels: Any, zoom: int, names: Sequence[str] = PAPER_MAPS) -> Any:
@@ -90,6 +101,8 @@ def normalise(levels: Any, zoom: int, names: Sequence[str] = PAPER_MAPS) -> Any:
         "own_flight": FLIGHT_SCALE / FAR_LEVEL,
         "at_charger": CHARGER_SCALE,
         "own_range": RANGE_SCALE / FAR_LEVEL,
+        "safe_moves": SAFE_SCALE,
+        "cover_nearby": share * (COVER_SCALE * whole / VEHICLE_SCALE),
     }
     factors = xp.stack([scales[name] * one for name in names], axis=-1)
     return maps * factors[..., None, None]
@@ -186,6 +199,54 @@ def range_map(reach: Any, uavs: int, n: int) -> Any:
     """
     xp = reach.__array_namespace__()
     return xp.broadcast_to(xp.round(xp.clip(reach, 0.0, 1.0) * FAR_LEVEL), (uavs, n, n))
+
+
+def outlook_maps(
+    uavs: Any, active: Any, own: Any, vehicles: Any, reach: Any, step: Any, n: int, walls: Any = None
+) -> tuple[Any, Any]:
+    """`OUTLOOK_MAPS` of every UAV, as levels, from exact positions.
+
+    Safe moves: of the middle 3 x 3 cells, 1 in those that a safe move heads to (`skyrelay.core.guard`); 0 elsewhere.
+    Cover: how many own vehicles would be in range (and in sight) from places on rings about the UAV.
+
+    Args:
+        uavs, vehicles: [N, 2] and [V, 2] positions [zone sides].
+        active: [N] whether a UAV is there, in the air.
+        own: [seers, V] whether a vehicle is there and is the UAV's, of all UAVs or of the first few.
+        reach, step: range, and length of a UAV's move [zone sides], arrays of one number.
+        walls: as in `obstacle_maps`; None on open ground.
+    Returns: [N, n, n] and [seers, n, n].
+    """
+    xp = uavs.__array_namespace__()
+    safe = xp.astype(safe_moves(uavs, active, reach, step), xp.float32)
+    column, row = (np.sign(unit_moves()[:, axis]).astype(np.int64) + n // 2 for axis in (0, 1))
+    middle = xp.asarray(np.arange(n * n) == (row * n + column)[:, None], dtype=xp.float32)
+    moves = xp.reshape(xp.matmul(xp.permute_dims(safe, (1, 0)), middle), (-1, n, n))
+
+    # A vehicle has one UAV, so that each is looked at from one UAV's places only.
+    here = xp.take(uavs, xp.argmax(own, axis=0), axis=0)[:, None, None, :]
+    about = xp.clip(here + step * xp.asarray(_rings(n), dtype=xp.float32), 0.0, 1.0)
+    covered = xp.sum((about - vehicles[:, None, None, :]) ** 2, axis=-1) <= reach**2
+    if walls is not None:
+        covered = covered & in_sight(vehicles[:, None, None, :], about, walls)
+    counts = xp.astype(own, xp.float32) @ xp.reshape(xp.astype(covered, xp.float32), (-1, n * n))
+    return moves, xp.reshape(counts, (-1, n, n))
+
+
+def safe_of(maps: Any, names: Sequence[str]) -> Any:
+    """[..., 9]: 1 for each move that `safe_moves` of normalised maps [..., maps, n, n] allows, else 0."""
+    n = maps.shape[-1]
+    column, row = (np.sign(unit_moves()[:, axis]).astype(np.int64) + n // 2 for axis in (0, 1))
+    return maps[..., names.index(OUTLOOK_MAPS[0]), row, column] / SAFE_SCALE
+
+
+def _rings(n: int) -> Any:
+    """[n, n, 2] of the places of `cover_nearby` [steps]; the middle one is where the UAV is."""
+    axis = np.arange(n) - n // 2
+    x, y = np.meshgrid(axis, axis)
+    ring = np.maximum(abs(x), abs(y))
+    away = ring**NEARBY / np.maximum(np.hypot(x, y), 1.0)
+    return np.stack([x * away, y * away], axis=-1)
 
 
 def cell_of(position: Any, cells: int) -> Any:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +27,15 @@ from skyrelay.experiments.figures import FigureSpec, Rendered, Scale
 from skyrelay.experiments.plotting import line, panels, save
 from skyrelay.experiments.runner import Experiment, Task
 from skyrelay.experiments.statistics import Interval
+from skyrelay.store.cid import cid_of
 
 BASELINES = (
     *("static", "random", "centroid", "centroid-linked", "cover"),
     *("pso-placed", "pso", "pso-10", "planner", "clairvoyant"),
 )
-SHOWN = (OURS, "pso-placed", "pso-10", "static", "centroid-linked", "cover", "planner")
+GENERALIST = "generalist"
+"""The shipped policy, which looks ahead; what is trained here sees what the paper's networks see."""
+SHOWN = (OURS, GENERALIST, "pso-placed", "pso-10", "static", "centroid-linked", "cover", "planner")
 """In the figure of coverage and connectivity; its CSV has all."""
 COMPARED = (2, 3)
 """Team sizes at which the paper trains the centralised method, with 20 vehicles."""
@@ -92,8 +96,11 @@ def experiment(scale: Scale) -> Experiment:
         }
         name = f"{method.split()[0]}-u{uavs}-v{vehicles}"
         tasks += [Task(f"{name}-seed{seed}", {**common, "seed": seed}) for seed in range(size.seeds)]
+    cid = str(cid_of((files("skyrelay.data") / "policies" / f"{GENERALIST}.onnx").read_bytes()))
     for uavs in size.uavs:
         for vehicles in size.vehicles:
+            flown: dict[str, Any] = {"name": GENERALIST, "cid": cid, "uavs": uavs, "vehicles": vehicles}
+            tasks.append(Task(f"{GENERALIST}-u{uavs}-v{vehicles}", {"kind": "fly", **flown, "episodes": size.episodes}))
             for baseline in BASELINES:
                 settings: dict[str, Any] = {"name": baseline, "uavs": uavs, "vehicles": vehicles}
                 tasks.append(
@@ -237,11 +244,11 @@ def _measure_rows(results: Results) -> list[dict[str, Any]]:
     for number in results.experiment_numbers:
         for vehicles in results.vehicles:
             for measure, _ in MEASURES:
-                for method in (OURS, *BASELINES):
+                for method in (OURS, GENERALIST, *BASELINES):
                     value = results.experiments(method, vehicles, measure, number)
                     row = {"teams": "all", "method": method, "vehicles": vehicles, "measure": measure}
                     rows.append({**row, "experiments": number} | _spread(value))
-                for method in (OURS, CENTRALIZED, *BASELINES):
+                for method in (OURS, CENTRALIZED, GENERALIST, *BASELINES):
                     value = results.experiments(method, vehicles, measure, number, COMPARED, most)
                     row = {"teams": "2 and 3", "method": method, "vehicles": vehicles, "measure": measure}
                     rows.append({**row, "experiments": number} | _spread(value))
@@ -250,7 +257,7 @@ def _measure_rows(results: Results) -> list[dict[str, Any]]:
 
 def _step_rows(results: Results) -> list[dict[str, Any]]:
     rows = []
-    for method in (OURS, *BASELINES):
+    for method in (OURS, GENERALIST, *BASELINES):
         for uavs in results.uavs:
             for vehicles in results.vehicles:
                 for measure in ("connected_step", "linked_and_covered_step"):
@@ -264,7 +271,7 @@ def _step_rows(results: Results) -> list[dict[str, Any]]:
 def _return_rows(results: Results) -> list[dict[str, Any]]:
     return [
         {"method": method, "uavs": uavs, "vehicles": vehicles} | _spread(results.over_episodes(method, uavs, vehicles))
-        for method in (OURS, *BASELINES)
+        for method in (OURS, GENERALIST, *BASELINES)
         for uavs in results.uavs
         for vehicles in results.vehicles
     ]

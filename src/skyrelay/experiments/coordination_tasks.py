@@ -22,14 +22,16 @@ from skyrelay.baselines import centralized
 from skyrelay.baselines.catalogue import baseline
 from skyrelay.baselines.cost import centralized_cost, decentralized_cost
 from skyrelay.baselines.player import RUN_ONCE, Episodes, Learned, Player, play
+from skyrelay.coordination import game
 from skyrelay.coordination.settings import Shape, physical
 from skyrelay.core.errors import TrainingError
 from skyrelay.experiments.runner import Row
 from skyrelay.learning import ppo
-from skyrelay.learning.evaluation import MEASURES, UNSEEN
+from skyrelay.learning.evaluation import MEASURES, UNSEEN, policy_scores, starts, unseen_key
 from skyrelay.learning.networks import FAST, PAPER, Network
 from skyrelay.learning.ppo import Learner
 from skyrelay.learning.presets import PresetName, Training, training
+from skyrelay.policy import Policy
 
 OURS, CENTRALIZED = "decentralised PPO", "centralised PPO"
 EVALUATION_SEED = 0
@@ -37,8 +39,13 @@ EVALUATION_SEED = 0
 
 
 def work(kind: str, **settings: Any) -> list[Row]:
-    """One task: ``kind`` is "learn", "play" or "count"."""
-    tasks: dict[str, Callable[..., list[Row]]] = {"learn": learn, "play": play_baseline, "count": count}
+    """One task: ``kind`` is "learn", "fly", "play" or "count"."""
+    tasks: dict[str, Callable[..., list[Row]]] = {
+        "learn": learn,
+        "fly": fly_policy,
+        "play": play_baseline,
+        "count": count,
+    }
     return tasks[kind](**settings)
 
 
@@ -70,7 +77,8 @@ def learn(
         TrainingError: a number was not finite.
     """
     config = dataclasses.replace(
-        training(preset, (uavs, uavs), (vehicles, vehicles), steps=steps, seed=seed),
+        # What the paper's networks see: the figures ask how links are learned, which a guarded policy never has to.
+        training(preset, (uavs, uavs), (vehicles, vehicles), steps=steps, seed=seed, paper_maps=True),
         test_every=test_every,
         test_episodes=test_episodes,
     )
@@ -86,16 +94,26 @@ def learn(
     rows = [{"kind": "curve", **labels, "vehicles": vehicles, **row} for row in rows]
     for number in flown:
         shape, domain = dataclasses.replace(config.shape, vehicles=number), physical((uavs, uavs), (number, number))
-        played = play(player(actor=actor), _unseen(EVALUATION_SEED), episodes, shape, domain)
+        played = play(player(actor=actor), unseen_key(EVALUATION_SEED), episodes, shape, domain)
         rows += _episode_rows(played, {**labels, "vehicles": number, "trained_vehicles": vehicles})
     return rows
+
+
+def fly_policy(name: str, cid: str, uavs: int, vehicles: int, episodes: int) -> list[Row]:  # noqa: ARG001
+    """Fly a shipped policy through the same unseen episodes; ``cid`` is its own: another policy is another task."""
+    forget_programs()
+    policy = Policy.builtin(name)
+    shape = Shape(uavs, vehicles, n=policy.n, zoom=policy.zoom)
+    games = starts(unseen_key(EVALUATION_SEED), episodes, shape, physical((uavs, uavs), (vehicles, vehicles)))
+    played = Episodes(jax.vmap(game.measure)(games), policy_scores(policy, games))
+    return _episode_rows(played, {"method": name, "uavs": uavs, "vehicles": vehicles})
 
 
 def play_baseline(name: str, uavs: int, vehicles: int, episodes: int) -> list[Row]:
     """Play one baseline through the same unseen episodes."""
     forget_programs()
     shape, domain = Shape(uavs, vehicles), physical((uavs, uavs), (vehicles, vehicles))
-    played = play(baseline(name), _unseen(EVALUATION_SEED), episodes, shape, domain)
+    played = play(baseline(name), unseen_key(EVALUATION_SEED), episodes, shape, domain)
     return _episode_rows(played, {"method": name, "uavs": uavs, "vehicles": vehicles})
 
 
@@ -182,10 +200,6 @@ def _named(measures: Any) -> dict[str, float]:
 
 def _or_none(step: float) -> int | None:
     return None if math.isnan(step) else int(step)
-
-
-def _unseen(seed: int) -> jax.Array:
-    return jax.random.fold_in(jax.random.key(seed), UNSEEN)
 
 
 _ALGORITHMS: dict[str, tuple[ModuleType, Callable[..., Player]]] = {

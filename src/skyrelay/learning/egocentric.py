@@ -26,6 +26,7 @@ from skyrelay.core.maps import (
     GLOBAL_LOCATION,
     LOCAL_LOCATION,
     LOCATION_SCALE,
+    OUTLOOK_MAPS,
     PAPER_MAPS,
     RANGE_MAPS,
     RANGE_SCALE,
@@ -67,6 +68,11 @@ def same_everywhere(names: Sequence[str]) -> list[int]:
     return [k for k, name in enumerate(names) if name in EVERYWHERE]
 
 
+def ahead(names: Sequence[str]) -> list[int]:
+    """Numbers of the maps of places about the UAV, to be seen as differences from its own."""
+    return [k for k, name in enumerate(names) if name == OUTLOOK_MAPS[1]]
+
+
 def side(n: int, names: Sequence[str]) -> int:
     """Of a map that was moved."""
     return 2 * len(MARKS) - 1 if tells_range(names) else 2 * n - 1
@@ -75,7 +81,7 @@ def side(n: int, names: Sequence[str]) -> int:
 def width(n: int, names: Sequence[str]) -> int:
     """How many numbers `egocentric` makes of maps of n x n cells."""
     seen = len(moved(names)) * side(n, names) ** 2 + len(near(names)) * (2 * n - 1) ** 2
-    return 2 * n + seen + len(same_everywhere(names))
+    return 2 * n + seen + len(ahead(names)) * (n * n + 1) + len(same_everywhere(names))
 
 
 def operations(n: int, names: Sequence[str]) -> int:
@@ -107,8 +113,10 @@ def egocentric(maps: Float[Array, "batch maps n n"], names: Sequence[str]) -> Fl
     Args:
         names: of the maps.
     Returns: own column and own row [n each]; the global maps [side, side] and the options' local ones
-        [2 n - 1, 2 n - 1], the UAV in the middle and 0 outside; one number for a map that is the same everywhere.
+        [2 n - 1, 2 n - 1], the UAV in the middle and 0 outside; what would be covered from nearby, against what is from
+        here [n, n], and that one number; one number for a map that is the same everywhere.
     """
+    n = maps.shape[-1]
     column, row = _place(maps, GLOBAL_LOCATION)
     if tells_range(names):
         reach = maps[:, names.index(RANGE_MAPS[0]), 0, 0] / RANGE_SCALE
@@ -119,6 +127,9 @@ def egocentric(maps: Float[Array, "batch maps n n"], names: Sequence[str]) -> Fl
     if near(names):
         across, along = (_in_cells(own) for own in _place(maps, LOCAL_LOCATION))
         parts.append(_move(maps, near(names), across, along))
+    for number in ahead(names):
+        here = maps[:, number, n // 2, n // 2, None]
+        parts += [maps[:, number].reshape(len(maps), -1) - here, here]
     parts += [maps[:, number, 0, :1] for number in same_everywhere(names)]
     return jnp.concatenate(parts, 1)
 

@@ -17,7 +17,7 @@ from scipy import stats
 from skyrelay.coordination import game
 from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape
-from skyrelay.core.maps import RANGE_MAPS, chosen, normalise
+from skyrelay.core.maps import OUTLOOK_MAPS, RANGE_MAPS, chosen, normalise
 from skyrelay.learning.networks import Network
 from skyrelay.learning.ppo import new_games
 from skyrelay.policy import Policy
@@ -68,6 +68,13 @@ def episodes_of(
         games: the starts of the episodes, a leading axis of games.
         traces: their vehicles where they are replayed (`skyrelay.coordination.replay`).
     """
+    return _per_episode(_scores_of(decide, games, traces))
+
+
+def _scores_of(
+    decide: Callable[[npt.NDArray[np.float32]], npt.NDArray[np.int64]], games: game.State, traces: game.Trace | None
+) -> Score:
+    """Scores [steps, episodes] of the states that the policy's actions led to."""
     shape = games.shape
 
     @jax.jit
@@ -84,7 +91,8 @@ def episodes_of(
     for _ in range(shape.steps):
         games, score = play(games, jnp.asarray(decide(np.asarray(look(games)))))
         scores.append(score)
-    return _per_episode(jax.tree.map(lambda *rows: jnp.stack(rows), *scores))
+    stacked: Score = jax.tree.map(lambda *rows: jnp.stack(rows), *scores)
+    return stacked
 
 
 def summary(results: Float[Array, "4 episodes"]) -> dict[str, Any]:
@@ -116,15 +124,21 @@ def evaluate_policy(policy: Policy, games: game.State, traces: game.Trace | None
 
 
 def policy_episodes(policy: Policy, games: game.State, traces: game.Trace | None = None) -> Float[Array, "4 episodes"]:
-    """The same, episode by episode, so that two policies can be compared on the same games.
+    """The same, episode by episode, so that two policies can be compared on the same games."""
+    return _per_episode(policy_scores(policy, games, traces))
+
+
+def policy_scores(policy: Policy, games: game.State, traces: game.Trace | None = None) -> Score:
+    """The same, step by step: scores [steps, episodes].
 
     A policy does not see maps that it was not trained on; maps that it wants and the games lack are empty, but for the
-    range, which a UAV always knows.
+    range and the outlook, which a UAV always knows.
     """
-    shape = replace(games.shape, tells_range=set(RANGE_MAPS) <= set(policy.card.maps))
+    wants = set(policy.card.maps)
+    shape = replace(games.shape, tells_range=set(RANGE_MAPS) <= wants, outlook=set(OUTLOOK_MAPS) <= wants)
     games = replace(games, shape=shape)
 
     def decide(maps: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
         return policy.decide(chosen(maps, shape.maps, policy.card.maps))
 
-    return episodes_of(decide, games, traces)
+    return _scores_of(decide, games, traces)

@@ -17,11 +17,13 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from skyrelay.core.errors import UsageError
 from skyrelay.core.flight import ACTIONS
-from skyrelay.core.maps import PAPER_MAPS
+from skyrelay.core.maps import OUTLOOK_MAPS, PAPER_MAPS, safe_of
 from skyrelay.learning import egocentric
 
 KERNEL = 3
 PADDING = 1
+UNSAFE = 1e4
+"""Off the logit of a move that could break a link: it is never taken where another is safe."""
 
 
 @dataclass(frozen=True)
@@ -95,13 +97,19 @@ class Linear(eqx.Module):
 
 
 class Network(eqx.Module):
-    """From a batch of normalised maps to ``outputs`` numbers each: logits of the actions, or a value."""
+    """From a batch of normalised maps to ``outputs`` numbers each: logits of the actions, or a value.
+
+    Where it is ``guarded``, moves that could break a link are out of the question (`skyrelay.core.guard`).
+    """
 
     convolutions: list[Linear]
     layers: list[Linear]
     architecture: Architecture = eqx.field(static=True)
+    guarded: bool = eqx.field(static=True, default=False)
 
-    def __init__(self, key: PRNGKeyArray, architecture: Architecture, outputs: int, gain: float) -> None:
+    def __init__(
+        self, key: PRNGKeyArray, architecture: Architecture, outputs: int, gain: float, *, guarded: bool = False
+    ) -> None:
         keys = iter(jax.random.split(key, len(architecture.channels) + len(architecture.hidden) + 1))
         widths = (len(architecture.maps), *architecture.channels)
         sizes = (architecture.features, *architecture.hidden)
@@ -110,10 +118,14 @@ class Network(eqx.Module):
         self.layers = [Linear.new(next(keys), a, b, relu) for a, b in pairwise(sizes)]
         self.layers.append(Linear.new(next(keys), sizes[-1], outputs, gain))
         self.architecture = architecture
+        self.guarded = guarded
 
     def __call__(self, maps: Float[Array, "batch maps n n"]) -> Float[Array, "batch outputs"]:
         """Apply to a batch of normalised maps."""
-        return self.conclude(self.look(maps))
+        outputs = self.conclude(self.look(maps))
+        if self.guarded:
+            outputs = outputs - UNSAFE * (1.0 - safe_of(maps, self.architecture.maps))
+        return outputs
 
     def look(self, maps: Float[Array, "batch maps n n"]) -> Float[Array, "batch features"]:
         """What comes before the fully connected layers."""
@@ -138,8 +150,8 @@ class Network(eqx.Module):
 
 
 def actor(key: PRNGKeyArray, architecture: Architecture) -> Network:
-    """The policy network: logits of the 9 actions, nearly equal at first."""
-    return Network(key, architecture, ACTIONS, gain=0.01)
+    """The policy network: logits of the 9 actions, nearly equal at first; guarded where safe moves are told."""
+    return Network(key, architecture, ACTIONS, gain=0.01, guarded=OUTLOOK_MAPS[0] in architecture.maps)
 
 
 def critic(key: PRNGKeyArray, architecture: Architecture) -> Network:

@@ -9,12 +9,21 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from skyrelay.core.flight import ACTIONS
-from skyrelay.core.maps import GLOBAL_LOCATION, LOCAL_LOCATION, LOCATION_SCALE, RANGE_MAPS, RANGE_SCALE
+from skyrelay.core.flight import ACTIONS, unit_moves
+from skyrelay.core.maps import (
+    GLOBAL_LOCATION,
+    LOCAL_LOCATION,
+    LOCATION_SCALE,
+    OUTLOOK_MAPS,
+    RANGE_MAPS,
+    RANGE_SCALE,
+    SAFE_SCALE,
+)
 from skyrelay.learning.egocentric import (
     LEAST_RANGE,
     MARKS,
     PLACE_SCALE,
+    ahead,
     marks,
     moved,
     near,
@@ -22,7 +31,7 @@ from skyrelay.learning.egocentric import (
     same_everywhere,
     tells_range,
 )
-from skyrelay.learning.networks import KERNEL, PADDING, Architecture, Linear, Network
+from skyrelay.learning.networks import KERNEL, PADDING, UNSAFE, Architecture, Linear, Network
 from skyrelay.policy.card import CARD_KEY, Card
 
 OPSET = 17
@@ -66,6 +75,8 @@ def export(actor: Network, card: Card) -> bytes:
         last = add("Gemm", [last, weight, bias])
         if number < len(actor.layers) - 1:
             last = add("Relu", [last])
+    if actor.guarded:
+        last = _guarded(add, constant, architecture, last)
     nodes[-1].output[0] = "logits"
 
     n = architecture.n
@@ -120,11 +131,26 @@ def _egocentric(add: Callable[..., str], constant: Callable[..., str], architect
     if near(names):
         place_in_window = place("own_in_window", LOCAL_LOCATION)
         parts.append(move("near", near(names), place_in_window, _shift_in_cells(add, constant, n, "near")))
+    for number in ahead(names):
+        cells = add("Flatten", [add("Gather", ["maps", indices("ahead", [number])], axis=1)], axis=1)
+        here = add("Gather", [cells, indices("middle_cell", [n * n // 2])], axis=1)
+        parts += [add("Sub", [cells, here]), here]
     if numbers := same_everywhere(names):
         same = add("Gather", ["maps", indices("same", numbers)], axis=1)
         corner = [indices("corner_from", [0, 0]), indices("corner_to", [1, 1]), indices("corner_axes", [2, 3])]
         parts.append(add("Flatten", [add("Slice", [same, *corner])], axis=1))
     return add("Concat", parts, axis=1)
+
+
+def _guarded(add: Callable[..., str], constant: Callable[..., str], architecture: Architecture, logits: str) -> str:
+    """`UNSAFE` off the logits of the moves that are not safe."""
+    n, names = architecture.n, architecture.maps
+    column, row = (np.sign(unit_moves()[:, axis]).astype(int) + n // 2 for axis in (0, 1))
+    number = constant("safe_moves", np.array([names.index(OUTLOOK_MAPS[0])]), np.int64)
+    cells = add("Flatten", [add("Gather", ["maps", number], axis=1)], axis=1)
+    safe = add("Gather", [cells, constant("cell_of_move", row * n + column, np.int64)], axis=1)
+    unsafe = add("Sub", [constant("safe", np.array(SAFE_SCALE)), safe])
+    return add("Sub", [logits, add("Mul", [unsafe, constant("unsafe", np.array(UNSAFE / SAFE_SCALE))])])
 
 
 def _shift_in_cells(add: Callable[..., str], constant: Callable[..., str], n: int, name: str) -> Callable[[str], str]:

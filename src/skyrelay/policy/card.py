@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from skyrelay.core.maps import ENERGY_MAPS, OBSTACLE_MAPS, PAPER_MAPS, RANGE_MAPS, map_names
+from skyrelay.core.maps import ENERGY_MAPS, OBSTACLE_MAPS, OUTLOOK_MAPS, PAPER_MAPS, RANGE_MAPS, map_names
 
 Count = Annotated[int, Field(ge=1)]
 CARD_KEY = "skyrelay.card"
@@ -80,10 +80,10 @@ class Card(_Model):
     @classmethod
     def _known(cls, maps: tuple[str, ...]) -> tuple[str, ...]:
         known = [
-            map_names(obstacles=obstacles, energy=energy, tells_range=tells_range)
-            for obstacles, energy, tells_range in product((False, True), repeat=3)
+            map_names(obstacles=obstacles, energy=energy, tells_range=tells_range, outlook=outlook)
+            for obstacles, energy, tells_range, outlook in product((False, True), repeat=4)
         ]
         if maps not in known:
-            options = ", ".join(f"all of {more}" for more in (OBSTACLE_MAPS, ENERGY_MAPS, RANGE_MAPS))
+            options = ", ".join(f"all of {more}" for more in (OBSTACLE_MAPS, ENERGY_MAPS, RANGE_MAPS, OUTLOOK_MAPS))
             raise ValueError(f"the six maps ({', '.join(PAPER_MAPS)}), then {options}")
         return maps

@@ -17,6 +17,7 @@ from skyrelay.core.maps import (
     LOCAL_LOCATION,
     LOCAL_VEHICLES,
     OBSTACLE_MAPS,
+    OUTLOOK_MAPS,
     PAPER_MAPS,
     RANGE_MAPS,
     cell_of,
@@ -25,6 +26,7 @@ from skyrelay.core.maps import (
     footprint,
     normalise,
     obstacle_maps,
+    outlook_maps,
     range_map,
 )
 
@@ -46,6 +48,7 @@ def observe(
     walls: Floats | None = None,
     charger: tuple[float, float, float] | None = None,
     flight: float | None = None,
+    step: float | None = None,
 ) -> Maps:
     """The maps of one UAV, from what it knows: itself, its team, its own vehicles, the city and its battery.
 
@@ -60,6 +63,7 @@ def observe(
         walls: [W, 5] of the buildings (`skyrelay.core.flight.in_sight`) [m]; None on open ground, whose maps are empty.
         charger: x, y and radius of the charging point [m]; None where there is none.
         flight: how far its charge carries it [m]; None where charge does not count.
+        step: length of its move [m]; None for a policy that does not look ahead.
     Returns: [maps, n, n], normalised. Positions outside the zone are shown at its border.
     """
     uavs = np.vstack([np.asarray(own_xy).reshape(1, 2), np.asarray(team_xy).reshape(-1, 2)])
@@ -67,7 +71,7 @@ def observe(
     owner = np.zeros(len(vehicles), dtype=np.int64)
     flights = None if flight is None else np.array([flight])
     maps: Maps = _maps(
-        uavs, vehicles, owner, zone_corner, zone_side, reach, n, zoom, names, walls, charger, flights, seers=1
+        uavs, vehicles, owner, zone_corner, zone_side, reach, n, zoom, names, walls, charger, flights, step, seers=1
     )[0]
     return maps
 
@@ -86,6 +90,7 @@ def observe_team(
     walls: Floats | None = None,
     charger: tuple[float, float, float] | None = None,
     flight: Floats | None = None,
+    step: float | None = None,
 ) -> Maps:
     """The maps of every UAV of a team at once: for UAV i the same as `observe` with its own vehicles.
 
@@ -94,7 +99,7 @@ def observe_team(
         vehicles_xy: [V, 2] positions [m]; NaN where a vehicle is not there.
         owner: [V] row of the UAV that serves each vehicle; negative for none.
         flight: [N] how far its charge carries each UAV [m]; None where charge does not count.
-        zone_corner, zone_side, reach, n, zoom, names, walls, charger: as in `observe`.
+        zone_corner, zone_side, reach, n, zoom, names, walls, charger, step: as in `observe`.
     Returns: [N, maps, n, n], normalised.
     """
     return _maps(
@@ -110,6 +115,7 @@ def observe_team(
         walls,
         charger,
         flight,
+        step,
         seers=len(uavs_xy),
     )
 
@@ -127,6 +133,7 @@ def _maps(
     walls: Floats | None,
     charger: tuple[float, float, float] | None,
     flight: Floats | None,
+    step: float | None,
     seers: int,
 ) -> Maps:
     """[seers, maps, n, n] maps of the first ``seers`` UAVs, to whom all vehicles belong."""
@@ -161,10 +168,12 @@ def _maps(
 
     has: tuple[str, ...] = PAPER_MAPS
     more: tuple[Floats, ...] = ()
-    if walls is not None and set(OBSTACLE_MAPS) & set(names):
-        has += OBSTACLE_MAPS
+    own = of == seer[:, None]
+    zone_walls = None
+    if walls is not None:
         zone_walls = np.column_stack([(walls[:, :4] - np.tile(corner, 2)) / zone_side, walls[:, 4]])
-        own = of == seer[:, None]
+    if zone_walls is not None and set(OBSTACLE_MAPS) & set(names):
+        has += OBSTACLE_MAPS
         built = footprint(zone_walls, cells)
         more += obstacle_maps(window[:seers], own, vehicles, reach / zone_side, zone_walls, built, n, zoom)
     if charger is not None and flight is not None:
@@ -175,6 +184,11 @@ def _maps(
     if set(RANGE_MAPS) & set(names):
         has += RANGE_MAPS
         more += (range_map(np.asarray(reach / zone_side), seers, n),)
+    if step is not None and set(OUTLOOK_MAPS) & set(names):
+        has += OUTLOOK_MAPS
+        lengths = np.asarray(reach / zone_side), np.asarray(step / zone_side)
+        moves, cover = outlook_maps(uavs, np.ones(len(uavs), bool), own, vehicles, *lengths, n, zone_walls)
+        more += (moves[:seers], cover)
     if more:
         levels = np.concatenate([levels, np.stack(more, axis=1).astype(np.float32)], axis=1)
     maps: Maps = chosen(normalise(levels, zoom, has), has, names)

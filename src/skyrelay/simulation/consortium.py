@@ -138,7 +138,7 @@ def _policies(scenario: Scenario) -> list[Policy]:
     if scenario.coordination.policy != "auto":
         return [Policy.load(Path(scenario.coordination.policy))]
     buildings, charging = bool(scenario.obstacles.buildings), scenario.energy.charge_per_minute > 0
-    has = map_names(obstacles=buildings, energy=charging, tells_range=True)
+    has = map_names(obstacles=buildings, energy=charging, tells_range=True, outlook=True)
     shipped = [Policy.builtin(name) for name in builtin_policies()]
     fitting = [policy for policy in shipped if set(policy.card.maps) <= set(has)]
     most = max(fitting, key=lambda policy: len(policy.card.maps)).card.maps

@@ -169,6 +169,7 @@ class Flight:
             walls=self._walls_near(zone),
             charger=charger if energy.charge_per_minute > 0 else None,
             flight=minutes * 60.0 / self._seconds * self._stride,
+            step=self._stride,
         )
 
     def _walls_near(self, zone: int) -> FloatArray | None:

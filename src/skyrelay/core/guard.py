@@ -1,0 +1,72 @@
+"""Which moves keep a team linked, as every UAV can work out for itself; for any array library.
+
+All UAVs know where all of them are, so that all work out the same minimum spanning tree of the team. A UAV that is
+within half a range of the point midway to each of its neighbours in the tree is not who breaks a link; where all move
+so, all links hold, whatever else each of them does (Ando et al. 1999).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from skyrelay.core.flight import ACTIONS, move
+
+HAIR = 1e-5
+"""Share of the range by which links are held shorter than it: rounding must not break them."""
+TOLERANCE = 1e-3
+"""Steps of a UAV; where no move holds the links, those that come as near to it as this count alike."""
+
+
+def spanning_tree(uavs: Any, active: Any) -> Any:
+    """Which pairs are neighbours in the team's minimum spanning tree: no detour between them has shorter hops only.
+
+    Args:
+        uavs: [N, 2] positions.
+        active: [N] false for a row that holds no UAV.
+    Returns: [N, N].
+    """
+    xp = uavs.__array_namespace__()
+    both = active[:, None] & active[None] & ~xp.eye(uavs.shape[0], dtype=xp.bool)
+    hop = xp.where(both, _length(uavs[:, None] - uavs[None]), xp.inf)
+    longest = hop
+    for over in range(uavs.shape[0]):
+        longest = xp.minimum(longest, xp.maximum(longest[:, over, None], longest[over]))
+    return both & (hop <= longest)
+
+
+def too_far(places: Any, uavs: Any, active: Any, reach: Any) -> Any:
+    """How far each place is from where all links of its UAV hold, whatever its neighbours do.
+
+    Args:
+        places: [P, N, 2] of each UAV.
+        uavs, active: as in `spanning_tree`.
+        reach: range of the links, an array of one number.
+    Returns: [P, N] in the unit of the positions, 0 where they hold.
+    """
+    xp = uavs.__array_namespace__()
+    middle = 0.5 * (uavs[:, None] + uavs[None])
+    beyond = _length(places[:, :, None] - middle) - 0.5 * (1.0 - HAIR) * reach
+    held = xp.zeros_like(beyond)
+    return xp.max(xp.where(spanning_tree(uavs, active), xp.maximum(beyond, held), held), axis=-1)
+
+
+def safe_moves(uavs: Any, active: Any, reach: Any, step: Any) -> Any:
+    """The moves after which all links of a UAV hold, whatever its neighbours do; else those that come nearest to it.
+
+    Args:
+        uavs: [N, 2] positions [zone sides].
+        active, reach: as in `too_far`.
+        step: length of a move [zone sides], an array of one number.
+    Returns: [9, N]; at least one move of each UAV is safe.
+    """
+    xp = uavs.__array_namespace__()
+    here = xp.broadcast_to(uavs, (ACTIONS, *uavs.shape))
+    actions = xp.broadcast_to(xp.arange(ACTIONS)[:, None], here.shape[:2])
+    away = too_far(move(here, actions, step), uavs, active, reach)
+    least = xp.min(away, axis=0)
+    return away <= xp.where(least > 0.0, least + TOLERANCE * step, least)
+
+
+def _length(vectors: Any) -> Any:
+    xp = vectors.__array_namespace__()
+    return xp.sqrt(xp.sum(vectors * vectors, axis=-1))
