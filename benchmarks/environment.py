@@ -2,7 +2,8 @@
 
 Every core is a device of JAX's, and each plays its share of the games (`--devices 1` for one). With ``--peers`` VMAS
 and JaxMARL are measured in the same run, in the environments ``.venv/peers`` and ``.venv/jaxmarl`` (`make peers`), so
-that the ratios come from one machine at one time; their observations are a few numbers for each agent, ours six maps.
+that the ratios come from one machine at one time; their observations are a few numbers for each agent, ours six maps
+(with the outlook eight, which `skyrelay train` learns from).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -117,6 +119,9 @@ def main() -> None:
             speed, size = agent_steps(shape, domain, games, options.devices, options.repeats)
             numbers = {"n": n, "uavs": uavs, "vehicles": vehicles, "games": games}
             report(what="skyrelay", **numbers, agent_steps=speed, bytes_per_game=size)
+            if (uavs, vehicles) == (3, 20):
+                speed, size = agent_steps(replace(shape, outlook=True), domain, games, options.devices, options.repeats)
+                report(what="skyrelay outlook", **numbers, agent_steps=speed, bytes_per_game=size)
         if not options.quick:
             shape, domain = Shape(8, 40, mobility="mixed"), varied((2, 8), (1, 40))
             speed, size = agent_steps(shape, domain, games, options.devices, options.repeats)

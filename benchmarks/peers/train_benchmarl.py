@@ -1,8 +1,8 @@
 """Time that BenchMARL's IPPO (PyTorch) needs to the paper's level on SkyRelay's PettingZoo game.
 
-Run by benchmarks/training.py in the peers' environment. The networks are those of the preset ``fast``, and so are the
-batch, the epochs and the discounts; the reward is Eq. 3's. Greedy tests play the same unseen games as ours, by the
-compiled evaluation, and their time does not count.
+Run by benchmarks/training.py in the peers' environment. The networks are those of the preset ``fast`` on the paper's
+maps, and so are the batch, the epochs and the discounts; the reward is Eq. 3's. Greedy tests play the same unseen games
+as ours, by the compiled evaluation, and their time does not count.
 """
 
 from __future__ import annotations
@@ -57,7 +57,8 @@ class GreedyTests(Callback):
 
     def test(self) -> float:
         """Mean return of the greedy policy over unseen episodes."""
-        config = training("fast", (self.options.uavs,) * 2, (self.options.vehicles,) * 2, seed=self.options.seed)
+        options = self.options
+        config = training("fast", (options.uavs,) * 2, (options.vehicles,) * 2, seed=options.seed, paper_maps=True)
         shape, policy = config.shape, self.experiment.group_policies[GROUP]
 
         def decide(maps: np.ndarray) -> np.ndarray:
@@ -67,7 +68,7 @@ class GreedyTests(Callback):
             return decided[GROUP, "action"].reshape(-1).numpy()
 
         key = jax.random.fold_in(jax.random.key(config.seed), UNSEEN - 1)
-        return float(np.mean(episodes_of(decide, starts(key, self.options.episodes, shape, config.domain))[0]))
+        return float(np.mean(episodes_of(decide, starts(key, options.episodes, shape, config.domain))[0]))
 
 
 def main() -> None:
@@ -86,7 +87,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
 
-    preset = training("fast", (options.uavs,) * 2, (options.vehicles,) * 2).hyperparameters
+    preset = training("fast", (options.uavs,) * 2, (options.vehicles,) * 2, paper_maps=True).hyperparameters
     config = ExperimentConfig.get_from_yaml()
     config.loggers, config.create_json, config.evaluation, config.render = [], False, False, False
     config.save_folder = options.out
