@@ -4,12 +4,22 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pytest
 
+from skyrelay.coordination.settings import Shape, physical
 from skyrelay.experiments.claims import CLAIMS
-from skyrelay.experiments.coordination import BASELINES, experiment, render
+from skyrelay.experiments.coordination import BASELINES, GENERALIST, experiment, render
 from skyrelay.experiments.coordination_findings import findings
 from skyrelay.experiments.coordination_results import Results
-from skyrelay.experiments.coordination_tasks import CENTRALIZED, OURS, count, learn, play_baseline
-from skyrelay.learning.evaluation import MEASURES
+from skyrelay.experiments.coordination_tasks import (
+    CENTRALIZED,
+    EVALUATION_SEED,
+    OURS,
+    count,
+    fly_policy,
+    learn,
+    play_baseline,
+)
+from skyrelay.learning.evaluation import MEASURES, policy_episodes, starts, unseen_key
+from skyrelay.policy import Policy
 
 UAVS, VEHICLES, SEEDS, EPISODES = (2, 3, 5), (5, 20), 3, 24
 
@@ -32,7 +42,7 @@ def rows(ours=-4.5, centralized=-20.0, connected_step=3, placed_loss=0.2):
                     for flown in VEHICLES if vehicles == 20 and uavs in (2, 3) else (vehicles,):
                         labels = {"method": method, "uavs": uavs, "seed": seed, "trained_vehicles": vehicles}
                         episodes += _episodes({**labels, "vehicles": flown}, level, 1.0 + level / 100, connected_step)
-            for name in BASELINES:
+            for name in (GENERALIST, *BASELINES):
                 coverage = 0.95 - placed_loss * (vehicles == 20)
                 episodes += _episodes({"method": name, "uavs": uavs, "vehicles": vehicles}, -10.0, coverage, 0)
     nullable = {"seed": None, "trained_vehicles": None}
@@ -104,7 +114,7 @@ def test_counts_are_beside_the_papers(tmp_path):
     assert all(path.stat().st_size > 0 for path in rendered.files)
     measured = pa_csv.read_csv(tmp_path / "coverage-connectivity.csv").to_pylist()
     assert {row["experiments"] for row in measured} == {20, EPISODES}
-    assert {row["method"] for row in measured} == {OURS, CENTRALIZED, *BASELINES}
+    assert {row["method"] for row in measured} == {OURS, CENTRALIZED, GENERALIST, *BASELINES}
 
 
 def test_experiments_are_the_same_episodes_for_all_methods():
@@ -160,3 +170,12 @@ def test_a_training_repeats_and_its_episodes_pair_with_a_baselines(method):
     # A team that starts connected is so at step 0 under any player: these are the same episodes.
     assert [row["connected_step"] == 0 for row in flown] == [row["connected_step"] == 0 for row in static]
     assert set(flown[0]) - set(static[0]) == {"seed", "trained_vehicles"}
+
+
+def test_a_shipped_policy_flies_the_same_episodes():
+    flown, static = fly_policy(GENERALIST, "its cid", 3, 5, 4), play_baseline("static", 3, 5, 4)
+    assert [set(row) for row in flown] == [set(row) for row in static]
+    assert [row["connected_step"] == 0 for row in flown] == [row["connected_step"] == 0 for row in static]
+    games = starts(unseen_key(EVALUATION_SEED), 4, Shape(3, 5, n=11, zoom=3), physical((3, 3), (5, 5)))
+    measures = policy_episodes(Policy.builtin(GENERALIST), games)
+    assert [[row[name] for name in MEASURES] for row in flown] == measures.T.tolist()

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from skyrelay.core.errors import TrainingError, UsageError
+from skyrelay.core.maps import PAPER_MAPS
 from skyrelay.learning import checkpoint, training
 from skyrelay.learning.presets import training as preset
 from skyrelay.learning.training import Report, train, train_side_by_side
@@ -152,5 +153,13 @@ def test_presets():
     assert (paper.hyperparameters.gamma, paper.hyperparameters.decay, paper.hyperparameters.clip) == (0.99, 0.95, 0.2)
     assert not paper.hyperparameters.own_credit
     assert not paper.hyperparameters.shaping
+    for name, options in (("fast", {}), ("generalist", {"games": "varied"}), ("fast", {"games": "obstacles"})):
+        looks = preset(name, (3, 3), (20, 20), **options)
+        assert looks.hyperparameters.actor.maps == looks.shape.maps
+        assert looks.shape.maps[-2:] == ("safe_moves", "cover_nearby")
+        plain = preset(name, (3, 3), (20, 20), **options, paper_maps=True)
+        assert plain.hyperparameters.actor.maps == plain.shape.maps == looks.shape.maps[:-2]
+    assert preset("paper", (3, 3), (20, 20)).shape.maps == PAPER_MAPS
+    assert not preset("fast", (3, 3), (20, 20), games="energy").shape.outlook
     with pytest.raises(UsageError, match=r"training\.steps"):
         preset("fast", (3, 3), (20, 20), steps=0)
