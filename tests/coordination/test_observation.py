@@ -12,6 +12,7 @@ import pytest
 
 from skyrelay.coordination import game, observation
 from skyrelay.coordination.settings import Shape, physical
+from skyrelay.core.errors import UsageError
 from skyrelay.core.guard import safe_moves
 from skyrelay.core.maps import COVER_SCALE, LOCAL_VEHICLES, PAPER_MAPS, VEHICLE_SCALE, map_names, normalise, safe_of
 from skyrelay.policy import observation as flying
@@ -119,6 +120,12 @@ def test_the_outlook_equals_the_plain_loops_in_the_game_and_in_flight(n, vehicle
         shown = np.asarray(safe_of(jnp.asarray(flown), names))
         np.testing.assert_array_equal(shown, safe_moves(uavs[:4], active[:4], np.float32(1 / 3), np.float32(step)).T)
     assert 1 <= np.min(moves) < np.max(moves) <= 9
+
+
+def test_whoever_looks_ahead_says_how_far_it_moves():
+    names = map_names(obstacles=False, energy=False, outlook=True)
+    with pytest.raises(UsageError, match="step: expected the length of a UAV's move"):
+        flying.observe([1.0, 1.0], [], [[2.0, 2.0]], (0.0, 0.0), 10.0, 5.0, n=5, zoom=2, names=names)
 
 
 def test_what_is_covered_nearby_is_in_sight():

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from skyrelay.core.errors import UsageError
 from skyrelay.core.maps import (
     CHANNELS,
     ENERGY_MAPS,
@@ -65,6 +66,8 @@ def observe(
         flight: how far its charge carries it [m]; None where charge does not count.
         step: length of its move [m]; None for a policy that does not look ahead.
     Returns: [maps, n, n], normalised. Positions outside the zone are shown at its border.
+    Raises:
+        UsageError: ``names`` has the outlook, and there is no ``step``.
     """
     uavs = np.vstack([np.asarray(own_xy).reshape(1, 2), np.asarray(team_xy).reshape(-1, 2)])
     vehicles = np.asarray(vehicles_xy).reshape(-1, 2)
@@ -101,6 +104,8 @@ def observe_team(
         flight: [N] how far its charge carries each UAV [m]; None where charge does not count.
         zone_corner, zone_side, reach, n, zoom, names, walls, charger, step: as in `observe`.
     Returns: [N, maps, n, n], normalised.
+    Raises:
+        UsageError: as in `observe`.
     """
     return _maps(
         uavs_xy,
@@ -184,7 +189,9 @@ def _maps(
     if set(RANGE_MAPS) & set(names):
         has += RANGE_MAPS
         more += (range_map(np.asarray(reach / zone_side), seers, n),)
-    if step is not None and set(OUTLOOK_MAPS) & set(names):
+    if set(OUTLOOK_MAPS) & set(names):
+        if step is None:
+            raise UsageError("step", step, "the length of a UAV's move [m]: this policy looks ahead")
         has += OUTLOOK_MAPS
         lengths = np.asarray(reach / zone_side), np.asarray(step / zone_side)
         moves, cover = outlook_maps(uavs, np.ones(len(uavs), bool), own, vehicles, *lengths, n, zone_walls)
