@@ -47,7 +47,15 @@ def command(
     tensorboard: Annotated[bool, typer.Option("--tensorboard", help="Also write TensorBoard event files.")] = False,
     as_json: Json = False,
 ) -> int:
-    """Train a policy by PPO; Ctrl-C leaves a checkpoint that --resume goes on from."""
+    """Train a policy by PPO; Ctrl-C leaves a checkpoint that --resume goes on from.
+
+    \b
+    Examples:
+      skyrelay train --uavs 3 --vehicles 20 --seed 1 --out policy
+      skyrelay train --games obstacles --uavs 2-4 --vehicles 5-20 --out obstacles
+      skyrelay train --preset generalist --games varied --uavs 1-8 --vehicles 1-40 --out generalist --resume
+      skyrelay train --paper-maps --steps 200000 --seeds 5 --out curves
+    """
     for option, value, choices in (
         ("--preset", preset, ("fast", "generalist", "paper")),
         ("--games", games, ("paper", "varied", "obstacles", "energy")),

@@ -106,7 +106,7 @@ def experiment(scale: Scale) -> Experiment:
                 tasks.append(
                     Task(f"{baseline}-u{uavs}-v{vehicles}", {"kind": "play", **settings, "episodes": size.episodes})
                 )
-    packages = ("numpy", "scipy", "jax", "jaxlib", "equinox", "optax")
+    packages = ("numpy", "scipy", "jax", "jaxlib", "equinox", "optax", "onnxruntime")
     return Experiment("coordination", "skyrelay.experiments.coordination_tasks:work", tasks, packages)
 
 
