@@ -128,6 +128,12 @@ def test_whoever_looks_ahead_says_how_far_it_moves():
         flying.observe([1.0, 1.0], [], [[2.0, 2.0]], (0.0, 0.0), 10.0, 5.0, n=5, zoom=2, names=names)
 
 
+def test_a_team_of_nobody_sees_nothing():
+    names = map_names(obstacles=True, energy=True, tells_range=True, outlook=True)
+    nobody = np.zeros((0, 2)), np.array([[1.0, 1.0]]), np.array([-1])
+    assert flying.observe_team(*nobody, (0.0, 0.0), 10.0, 5.0, n=5, zoom=2, names=names).shape == (0, len(names), 5, 5)
+
+
 def test_what_is_covered_nearby_is_in_sight():
     """A wall between a UAV and its vehicle: it is covered from where the wall is not in the way."""
     names, wall = map_names(obstacles=True, energy=False, outlook=True), np.array([[48.0, 55.0, 52.0, 55.0, 0.9]])

@@ -61,7 +61,7 @@ def future_opset(model):
     ("change", "fault"),
     [
         (without_card, "model card"),
-        (with_card(n=9), r"input: is .*expected \[batch, 7, 9, 9\]"),
+        (with_card(n=9), r"input: is .*expected \[batch, 9, 9, 9\]"),
         (with_card(n=1_000_000), "card: n"),
         (with_card(uavs=[0, 3]), "card: uavs"),
         (with_card(surprise=1), "card: surprise"),

@@ -35,7 +35,7 @@ BASELINES = (
 )
 GENERALIST = "generalist"
 """The shipped policy, which looks ahead; what is trained here sees what the paper's networks see."""
-SHOWN = (OURS, GENERALIST, "pso-placed", "pso-10", "static", "centroid-linked", "cover", "planner")
+SHOWN = (OURS, GENERALIST, "pso-placed", "pso-10", "centroid-linked", "cover", "planner")
 """In the figure of coverage and connectivity; its CSV has all."""
 COMPARED = (2, 3)
 """Team sizes at which the paper trains the centralised method, with 20 vehicles."""

@@ -107,6 +107,8 @@ def observe_team(
     Raises:
         UsageError: as in `observe`.
     """
+    if not len(uavs_xy):
+        return np.zeros((0, len(names), n, n), dtype=np.float32)
     return _maps(
         uavs_xy,
         vehicles_xy,
