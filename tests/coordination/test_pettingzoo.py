@@ -36,6 +36,28 @@ def test_a_domain_of_many_scales_conforms():
     assert check_parallel_env(lambda: UavCoordination(shape, domain), episodes=3) == 24
 
 
+def test_the_outlook_is_an_action_mask():
+    """A team that keeps to it comes together, and then stays linked."""
+    shape, domain = Shape(4, 6, n=5, steps=80, outlook=True), replace(physical((4, 4), (6, 6)), ratio=(3.0, 3.0))
+    env, random = UavCoordination(shape, domain), np.random.default_rng(1)
+    assert check_parallel_env(lambda: UavCoordination(replace(shape, steps=8), domain), episodes=2) == 16
+    assert "action_mask" not in small().reset(seed=0)[1]["uav_0"]
+    _, infos = env.reset(seed=0)
+    linked = []
+    while env.agents:
+        for agent in env.agents:
+            mask = infos[agent]["action_mask"]
+            assert mask.dtype == np.int8
+            assert mask.shape == (env.action_space(agent).n,)
+        actions = {agent: int(random.choice(np.flatnonzero(infos[agent]["action_mask"]))) for agent in env.agents}
+        observations, _, _, _, infos = env.step(actions)
+        linked.append(infos["uav_0"]["connectivity"])
+        assert all(env.observation_space(agent).contains(maps) for agent, maps in observations.items())
+    assert linked == sorted(linked)
+    assert linked[0] == 0.0
+    assert linked[-1] == 1.0
+
+
 def test_agents_whose_uav_leaves_terminate():
     shape = Shape(3, 6, n=5, steps=12, drop_outs=True)
     domain = replace(physical((3, 3), (6, 6)), drop_out=(0.2, 0.2))

@@ -30,6 +30,7 @@ from skyrelay.core.maps import (
     TEAM_SCALE,
     VEHICLE_SCALE,
     normalise,
+    safe_of,
 )
 
 
@@ -115,7 +116,8 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
         self._key, key = jax.random.split(self._key)
         self._state, maps = _reset(key, self.shape, self.domain)
         self.agents = self.possible_agents[:]
-        return self._by_agent(maps), {agent: {} for agent in self.agents}
+        masks = self._masks(maps)
+        return self._by_agent(maps), {agent: dict(masks[agent]) for agent in self.agents}
 
     def step(
         self, actions: dict[str, int]
@@ -129,7 +131,7 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
         """All UAVs move at once.
 
         Returns: observations, rewards, terminations, truncations and infos (coverage, connectivity,
-            connectivity_neighbor) by agent.
+            connectivity_neighbor; with the outlook, the safe moves as action_mask [9]) by agent.
         """
         if self._state is None or not self.agents:
             raise RuntimeError("call reset() before step(): there is no episode in play")
@@ -145,7 +147,8 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
         rewards = {agent: float(score.reward) for agent in self.agents}
         terminations = {a: not active[row] for row, a in enumerate(self.possible_agents) if a in self.agents}
         truncations = dict.fromkeys(self.agents, over)
-        infos: dict[str, dict[str, Any]] = {agent: dict(measures) for agent in self.agents}
+        masks = self._masks(maps)
+        infos: dict[str, dict[str, Any]] = {agent: measures | masks[agent] for agent in self.agents}
         self.agents = [] if over else [agent for agent in self.agents if not terminations[agent]]
         return observations, rewards, terminations, truncations, infos
 
@@ -167,6 +170,13 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
 
     def close(self) -> None:
         """Nothing is held open."""
+
+    def _masks(self, maps: jax.Array) -> dict[str, dict[str, Any]]:
+        """Of each agent, the moves that the outlook calls safe, under the name that libraries look for."""
+        if not self.shape.outlook:
+            return {agent: {} for agent in self.possible_agents}
+        safe = np.asarray(safe_of(maps, self.shape.maps)).astype(np.int8)
+        return {agent: {"action_mask": safe[row]} for row, agent in enumerate(self.possible_agents)}
 
     def _by_agent(self, maps: jax.Array) -> dict[str, npt.NDArray[np.float32]]:
         rows = np.asarray(maps)
