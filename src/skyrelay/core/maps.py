@@ -219,9 +219,8 @@ def outlook_maps(
     """
     xp = uavs.__array_namespace__()
     safe = xp.astype(safe_moves(uavs, active, reach, step), xp.float32)
-    column, row = (np.sign(unit_moves()[:, axis]).astype(np.int64) + n // 2 for axis in (0, 1))
-    middle = xp.asarray(np.arange(n * n) == (row * n + column)[:, None], dtype=xp.float32)
-    moves = xp.reshape(xp.matmul(xp.permute_dims(safe, (1, 0)), middle), (-1, n, n))
+    heads_to = xp.asarray(np.arange(n * n) == cell_of_move(n)[:, None], dtype=xp.float32)
+    moves = xp.reshape(xp.matmul(xp.permute_dims(safe, (1, 0)), heads_to), (-1, n, n))
 
     # A vehicle has one UAV, so that each is looked at from one UAV's places only.
     here = xp.take(uavs, xp.argmax(own, axis=0), axis=0)[:, None, None, :]
@@ -235,9 +234,14 @@ def outlook_maps(
 
 def safe_of(maps: Any, names: Sequence[str]) -> Any:
     """[..., 9]: 1 for each move that `safe_moves` of normalised maps [..., maps, n, n] allows, else 0."""
-    n = maps.shape[-1]
-    column, row = (np.sign(unit_moves()[:, axis]).astype(np.int64) + n // 2 for axis in (0, 1))
+    row, column = np.divmod(cell_of_move(maps.shape[-1]), maps.shape[-1])
     return maps[..., names.index(OUTLOOK_MAPS[0]), row, column] / SAFE_SCALE
+
+
+def cell_of_move(n: int) -> Any:
+    """[9] the cell of `safe_moves` that each move heads to from the middle, as row x n + column."""
+    column, row = (np.sign(unit_moves()[:, axis]).astype(np.int64) + n // 2 for axis in (0, 1))
+    return row * n + column
 
 
 def _rings(n: int) -> Any:

@@ -9,7 +9,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from skyrelay.core.flight import ACTIONS, unit_moves
+from skyrelay.core.flight import ACTIONS
 from skyrelay.core.maps import (
     GLOBAL_LOCATION,
     LOCAL_LOCATION,
@@ -18,6 +18,7 @@ from skyrelay.core.maps import (
     RANGE_MAPS,
     RANGE_SCALE,
     SAFE_SCALE,
+    cell_of_move,
 )
 from skyrelay.learning.egocentric import (
     LEAST_RANGE,
@@ -144,11 +145,9 @@ def _egocentric(add: Callable[..., str], constant: Callable[..., str], architect
 
 def _guarded(add: Callable[..., str], constant: Callable[..., str], architecture: Architecture, logits: str) -> str:
     """`UNSAFE` off the logits of the moves that are not safe."""
-    n, names = architecture.n, architecture.maps
-    column, row = (np.sign(unit_moves()[:, axis]).astype(int) + n // 2 for axis in (0, 1))
-    number = constant("safe_moves", np.array([names.index(OUTLOOK_MAPS[0])]), np.int64)
+    number = constant("safe_moves", np.array([architecture.maps.index(OUTLOOK_MAPS[0])]), np.int64)
     cells = add("Flatten", [add("Gather", ["maps", number], axis=1)], axis=1)
-    safe = add("Gather", [cells, constant("cell_of_move", row * n + column, np.int64)], axis=1)
+    safe = add("Gather", [cells, constant("cell_of_move", cell_of_move(architecture.n), np.int64)], axis=1)
     unsafe = add("Sub", [constant("safe", np.array(SAFE_SCALE)), safe])
     return add("Sub", [logits, add("Mul", [unsafe, constant("unsafe", np.array(UNSAFE / SAFE_SCALE))])])
 
