@@ -100,7 +100,14 @@ def learn(
 
 
 def fly_policy(name: str, cid: str, uavs: int, vehicles: int, episodes: int) -> list[Row]:  # noqa: ARG001
-    """Fly a shipped policy through the same unseen episodes; ``cid`` is its own: another policy is another task."""
+    """Fly a shipped policy through the same unseen episodes.
+
+    Args:
+        name: of the policy.
+        cid: its own; not used here, but another policy is then another task.
+        uavs, vehicles: of every game.
+        episodes: how many.
+    """
     forget_programs()
     policy = Policy.builtin(name)
     shape = Shape(uavs, vehicles, n=policy.n, zoom=policy.zoom)
