@@ -20,8 +20,10 @@ import subprocess
 import tempfile
 import time
 import urllib.request
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal
@@ -211,9 +213,15 @@ class Devnet:
         Raises: ChainError: a validator ends or none makes blocks; all are stopped again.
         """
         try:
-            for node in self.validators:
-                if node.index not in self._processes:
-                    self._launch(node)
+            idle = [node for node in self.validators if node.index not in self._processes]
+            if self.consensus == "clique" and len(idle) == len(self.validators):
+                # Any signer may seal the first two blocks. Where several do before they hear of each other, their forks
+                # can come to weigh the same, and all wait for a block of another's for ever. So the one whose turn the
+                # first block is seals it alone, and the others begin from there.
+                first = idle.pop(1 % len(idle))
+                self._join([first])
+                self._wait(lambda: (_number(first.url, "eth_blockNumber") or 0) > 0, first, "a first block")
+            self._join(idle)
             self.wait_for_blocks()
         except BaseException:
             self.stop()
@@ -242,7 +250,7 @@ class Devnet:
 
         Raises: ChainError: it ends, or sees no new block.
         """
-        self._launch(self.validators[index])
+        self._join([self.validators[index]])
         self.wait_for_blocks()
 
     def wait_for_blocks(self, more: int = 1) -> int:
@@ -256,7 +264,7 @@ class Devnet:
         goal: int | None = None
         while time.monotonic() < end:
             self._check_alive()
-            heights = [_block_number(node.url) for node in running]
+            heights = [_number(node.url, "eth_blockNumber") for node in running]
             known = [height for height in heights if height is not None]
             if len(known) == len(running):
                 goal = max(known) + more if goal is None else goal
@@ -279,15 +287,33 @@ class Devnet:
 
     def log(self, index: int) -> Path:
         """Where validator ``index`` writes its log."""
-        return self.directory / "validators" / str(index) / "node.log"
+        return self._home(self.validators[index]) / "node.log"
+
+    def _home(self, node: Validator) -> Path:
+        return self.directory / "validators" / str(node.index)
+
+    def _join(self, nodes: Sequence[Validator]) -> None:
+        """Start these validators beside those that run; on Clique they seal once they are linked and caught up."""
+        for node in nodes:
+            self._launch(node)
+        if self.consensus == "qbft" or not nodes:
+            return
+        others = len(self._processes) - 1
+        for node in nodes:
+            self._wait(partial(_linked, node.url, others), node, f"links to {others} others")
+        self.wait_for_blocks(0)
+        with ThreadPoolExecutor(len(nodes)) as threads:
+            list(threads.map(self._seal, nodes))
 
     def _launch(self, node: Validator) -> None:
         for port in (node.rpc_port, node.p2p_port):
             if _listens(port):
                 raise ChainError(f"port {port} of {_LOOPBACK}", "taken", "a free port: is this devnet running already?")
-        home = self.directory / "validators" / str(node.index)
-        arguments = ["--datadir", ".", "--config", "config.toml", "--mine", "--nat", "none", "--verbosity", "3"]
-        if self.consensus == "clique":
+        home = self._home(node)
+        arguments = ["--datadir", ".", "--config", "config.toml", "--nat", "none", "--verbosity", "3"]
+        if self.consensus == "qbft":
+            arguments.append("--mine")
+        else:
             # The sealing key must be open while it seals. It owns nothing and has no role in the contract, and only
             # this machine reaches the endpoint. go-ethereum asks to have that said:
             arguments += ["--unlock", node.address, "--password", "keystore/validator.password"]
@@ -304,23 +330,26 @@ class Devnet:
             )
         self._processes[node.index] = process
         # One after the other: a node dials the peers that it finds when it starts, and again only half a minute later.
-        end = time.monotonic() + _START_SECONDS
-        while not (_listens(node.rpc_port) and _listens(node.p2p_port)):
-            self._check_alive()
-            if time.monotonic() > end:
-                raise ChainError(
-                    f"validator {node.index}", "not listening", f"a node that answers ({self.log(node.index)})"
-                )
-            time.sleep(0.05)
-        if self.consensus == "clique":
-            self._free_gas(home)
+        self._wait(lambda: _listens(node.rpc_port) and _listens(node.p2p_port), node, "a node that answers")
 
-    def _free_gas(self, home: Path) -> None:
-        """go-ethereum takes no price of 0 from its configuration, but from its console."""
-        command = [self._binary, "attach", "--exec", "miner.setGasPrice(0)", "geth.ipc"]  # a long path would not do
+    def _seal(self, node: Validator) -> None:
+        # go-ethereum takes no price of 0 from its configuration, but from its console.
+        script = "miner.setGasPrice(0) && miner.start() === null"
+        command = [self._binary, "attach", "--exec", script, "geth.ipc"]  # a long path would not do
+        home = self._home(node)
         done = subprocess.run(command, cwd=home, capture_output=True, text=True, timeout=30, check=False)  # noqa: S603
         if done.stdout.strip() != "true":
-            raise ChainError(f"validator in {home}", done.stdout + done.stderr, "a node that lets gas be free")
+            raise ChainError(f"validator {node.index}", done.stdout + done.stderr, "a node that seals, at no price")
+
+    def _wait(self, holds: Callable[[], bool], node: Validator, expected: str) -> None:
+        """Until something about a validator holds."""
+        end = time.monotonic() + _START_SECONDS
+        while not holds():
+            self._check_alive()
+            if time.monotonic() > end:
+                told = f"not there after {_START_SECONDS:g} s"
+                raise ChainError(f"validator {node.index}", told, f"{expected} ({self.log(node.index)})")
+            time.sleep(0.05)
 
     def _check_alive(self) -> None:
         for index, process in self._processes.items():
@@ -424,7 +453,9 @@ def _config(consensus: Consensus, node: Validator, nodes: Sequence[Validator], c
         "Node": {
             **host,
             "P2P": {
-                "MaxPeers": len(nodes) + 4,
+                # No more than there are: go-ethereum asks only so many, or else five, before it catches up at once.
+                "MaxPeers": max(1, len(peers)),
+                "DialRatio": 1,
                 "NoDiscovery": True,
                 "BootstrapNodes": [],
                 "BootstrapNodesV5": [],
@@ -477,9 +508,13 @@ def _listens(port: int) -> bool:
         return probe.connect_ex((_LOOPBACK, port)) == 0
 
 
-def _block_number(url: str) -> int | None:
-    """The height of a node's chain; None while it does not answer."""
-    ask = json.dumps({"jsonrpc": "2.0", "id": 1, "method": "eth_blockNumber", "params": []}).encode()
+def _linked(url: str, others: int) -> bool:
+    return (_number(url, "net_peerCount") or 0) >= others
+
+
+def _number(url: str, method: str) -> int | None:
+    """What a method without parameters returns, such as the height of a node's chain; None where it does not answer."""
+    ask = json.dumps({"jsonrpc": "2.0", "id": 1, "method": method, "params": []}).encode()
     request = urllib.request.Request(url, ask, {"Content-Type": "application/json"})  # noqa: S310
     try:
         with urllib.request.urlopen(request, timeout=2) as answer:  # noqa: S310
