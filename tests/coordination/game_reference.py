@@ -48,7 +48,7 @@ def outlook_maps(uavs, active, vehicles, owner, reach, step, n, seen=lambda vehi
     Args:
         seen: whether the line between two points is clear.
     """
-    result = np.zeros((len(uavs), 2, n, n), dtype=np.int64)
+    result = np.zeros((len(uavs), 2, n, n))
     team = [j for j in range(len(uavs)) if active[j]]
     tree = spanning_tree([uavs[j] for j in team])
     for i, uav in enumerate(uavs):
@@ -72,8 +72,10 @@ def outlook_maps(uavs, active, vehicles, owner, reach, step, n, seen=lambda vehi
                 ring = max(abs(k))
                 place = np.clip(uav + step * ring**1.25 * k / max(math.hypot(*k), 1), 0.0, 1.0)
                 for v, vehicle in enumerate(vehicles):
-                    if owner[v] == i and math.dist(place, vehicle) <= reach and seen(vehicle, place):
-                        result[i, 1, row, column] += 1
+                    if owner[v] == i and seen(vehicle, place):
+                        inside = (reach**2 - math.dist(place, vehicle) ** 2) / (2 * reach)
+                        result[i, 1, row, column] += min(max(inside / step + 0.5, 0.0), 1.0)
+    result[:, 1] = np.rint(8 * result[:, 1])
     return result
 
 

@@ -149,6 +149,16 @@ def test_what_is_covered_nearby_is_in_sight():
     assert behind[0, cover, 4, 2] == COVER_SCALE  # on the vehicle's side of the wall
 
 
+def test_who_may_be_gone_on_arrival_counts_in_part():
+    """From half a move inside the edge of the range to half a move outside, a vehicle counts less and less."""
+    names = map_names(obstacles=False, energy=False, outlook=True)
+    uav, options = np.array([[50.0, 50.0]]), {"n": 5, "zoom": 2, "names": names, "step": 4.0}
+    for distance, counts in ((17.9, 1.0), (19.0, 0.75), (20.0, 0.5), (21.0, 0.25), (22.1, 0.0)):
+        vehicle = uav + [distance, 0.0]
+        maps = flying.observe_team(uav, vehicle, np.array([0]), (0.0, 0.0), 100.0, 20.0, **options)
+        assert maps[0, names.index("cover_nearby"), 2, 2] == pytest.approx(counts * COVER_SCALE)
+
+
 def test_absent_and_outlying_vehicles():
     uavs = np.array([[50.0, 50.0]])
     there = np.array([[10.0, 10.0], [np.nan, np.nan], [400.0, -400.0]])

@@ -27,7 +27,7 @@ def spanning_tree(uavs: Any, active: Any) -> Any:
     """
     xp = uavs.__array_namespace__()
     both = active[:, None] & active[None] & ~xp.eye(uavs.shape[0], dtype=xp.bool)
-    hop = xp.where(both, _length(uavs[:, None] - uavs[None]), xp.inf)
+    hop = xp.where(both, _distance(uavs[:, None], uavs[None]), xp.inf)
     longest = hop
     for over in range(uavs.shape[0]):
         longest = xp.minimum(longest, xp.maximum(longest[:, over, None], longest[over]))
@@ -45,7 +45,7 @@ def too_far(places: Any, uavs: Any, active: Any, reach: Any) -> Any:
     """
     xp = uavs.__array_namespace__()
     middle = 0.5 * (uavs[:, None] + uavs[None])
-    beyond = _length(places[:, :, None] - middle) - 0.5 * (1.0 - HAIR) * reach
+    beyond = _distance(places[:, :, None], middle) - 0.5 * (1.0 - HAIR) * reach
     held = xp.zeros_like(beyond)
     return xp.max(xp.where(spanning_tree(uavs, active), xp.maximum(beyond, held), held), axis=-1)
 
@@ -67,6 +67,7 @@ def safe_moves(uavs: Any, active: Any, reach: Any, step: Any) -> Any:
     return away <= xp.where(least > 0.0, least + TOLERANCE * step, least)
 
 
-def _length(vectors: Any) -> Any:
-    xp = vectors.__array_namespace__()
-    return xp.sqrt(xp.sum(vectors * vectors, axis=-1))
+def _distance(one: Any, other: Any) -> Any:
+    xp = one.__array_namespace__()
+    x, y = (one[..., axis] - other[..., axis] for axis in (0, 1))
+    return xp.sqrt(x * x + y * y)

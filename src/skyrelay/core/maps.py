@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from skyrelay.core.flight import in_sight, unit_moves
+from skyrelay.core.flight import ACTIONS, in_sight, unit_moves
 from skyrelay.core.guard import safe_moves
 
 LOCAL_LOCATION, LOCAL_VEHICLES, GLOBAL_LOCATION, GLOBAL_TEAM, GLOBAL_COVERAGE, GLOBAL_VEHICLES = range(6)
@@ -56,6 +56,8 @@ Maps of one cell and maps of many then weigh about the same, which is what a net
 
 NEARBY = 1.25
 """The k-th ring of cells of `cover_nearby` are places k to this power steps of a UAV away; its first, the 8 moves'."""
+COVER_PARTS = 8
+"""Levels of `cover_nearby` for a vehicle that is surely in range; fewer where half a move would change it."""
 FAR = 2.0
 """Zone sides that a UAV can still fly, beyond which it need not know: there and back is less."""
 FAR_LEVEL = 255
@@ -102,7 +104,7 @@ def normalise(levels: Any, zoom: int, names: Sequence[str] = PAPER_MAPS) -> Any:
         "at_charger": CHARGER_SCALE,
         "own_range": RANGE_SCALE / FAR_LEVEL,
         "safe_moves": SAFE_SCALE,
-        "cover_nearby": share * (COVER_SCALE * whole / VEHICLE_SCALE),
+        "cover_nearby": share * (COVER_SCALE * whole / (VEHICLE_SCALE * COVER_PARTS)),
     }
     factors = xp.stack([scales[name] * one for name in names], axis=-1)
     return maps * factors[..., None, None]
@@ -207,7 +209,9 @@ def outlook_maps(
     """`OUTLOOK_MAPS` of every UAV, as levels, from exact positions.
 
     Safe moves: of the middle 3 x 3 cells, 1 in those that a safe move heads to (`skyrelay.core.guard`); 0 elsewhere.
-    Cover: how many own vehicles would be in range (and in sight) from places on rings about the UAV.
+    Cover: how many own vehicles would be in range (and in sight) from places on rings about the UAV, in `COVER_PARTS`.
+    A vehicle at the edge of the range counts half, as it may be gone on arrival: from half a move inside the edge to
+    half a move outside its part falls from 1 to 0.
 
     Args:
         uavs, vehicles: [N, 2] and [V, 2] positions [zone sides].
@@ -218,18 +222,24 @@ def outlook_maps(
     Returns: [N, n, n] and [seers, n, n].
     """
     xp = uavs.__array_namespace__()
-    safe = xp.astype(safe_moves(uavs, active, reach, step), xp.float32)
-    heads_to = xp.asarray(np.arange(n * n) == cell_of_move(n)[:, None], dtype=xp.float32)
-    moves = xp.reshape(xp.matmul(xp.permute_dims(safe, (1, 0)), heads_to), (-1, n, n))
+    safe = xp.permute_dims(xp.astype(safe_moves(uavs, active, reach, step), xp.float32), (1, 0))
+    heads_to = np.full(n * n, ACTIONS)
+    heads_to[cell_of_move(n)] = np.arange(ACTIONS)
+    none = xp.zeros((safe.shape[0], 1), dtype=xp.float32)
+    moves = xp.take(xp.concat([safe, none], axis=1), xp.asarray(heads_to), axis=1)
 
-    # A vehicle has one UAV, so that each is looked at from one UAV's places only.
-    here = xp.take(uavs, xp.argmax(own, axis=0), axis=0)[:, None, None, :]
-    about = xp.clip(here + step * xp.asarray(_rings(n), dtype=xp.float32), 0.0, 1.0)
-    covered = xp.sum((about - vehicles[:, None, None, :]) ** 2, axis=-1) <= reach**2
+    # A vehicle has one UAV, so that each is looked at from one UAV's places only. Each coordinate has an array of its
+    # own: pairs side by side would keep XLA from computing many places at once.
+    uav = xp.argmax(own, axis=0)
+    rings = xp.asarray(_rings(n), dtype=xp.float32)
+    x, y = (xp.clip(xp.take(uavs[:, axis], uav)[:, None] + step * rings[:, axis], 0.0, 1.0) for axis in (0, 1))
+    squared = (x - vehicles[:, 0, None]) ** 2 + (y - vehicles[:, 1, None]) ** 2
+    # (range - distance) / move + 1/2 to first order about the edge, without a root.
+    covered = xp.clip((reach**2 - squared) / (2.0 * reach * step) + 0.5, 0.0, 1.0)
     if walls is not None:
-        covered = covered & in_sight(vehicles[:, None, None, :], about, walls)
-    counts = xp.astype(own, xp.float32) @ xp.reshape(xp.astype(covered, xp.float32), (-1, n * n))
-    return moves, xp.reshape(counts, (-1, n, n))
+        covered = xp.where(in_sight(vehicles[:, None, :], xp.stack([x, y], axis=-1), walls), covered, 0.0)
+    counts = xp.round(COVER_PARTS * (xp.astype(own, xp.float32) @ covered))
+    return xp.reshape(moves, (-1, n, n)), xp.reshape(counts, (-1, n, n))
 
 
 def safe_of(maps: Any, names: Sequence[str]) -> Any:
@@ -245,12 +255,12 @@ def cell_of_move(n: int) -> Any:
 
 
 def _rings(n: int) -> Any:
-    """[n, n, 2] of the places of `cover_nearby` [steps]; the middle one is where the UAV is."""
+    """[n x n, 2] of the places of `cover_nearby` [steps], cell by cell; the middle one is where the UAV is."""
     axis = np.arange(n) - n // 2
     x, y = np.meshgrid(axis, axis)
     ring = np.maximum(abs(x), abs(y))
     away = ring**NEARBY / np.maximum(np.hypot(x, y), 1.0)
-    return np.stack([x * away, y * away], axis=-1)
+    return np.stack([x * away, y * away], axis=-1).reshape(-1, 2)
 
 
 def cell_of(position: Any, cells: int) -> Any:
