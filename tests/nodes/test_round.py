@@ -97,8 +97,8 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
 
 
 @contextmanager
-def running(directory: Path, consensus: str) -> Iterator[Devnet]:
-    with Devnet.create(directory, consensus=consensus) as network:
+def running(directory: Path, consensus: str, validators: int = 4) -> Iterator[Devnet]:
+    with Devnet.create(directory, consensus=consensus, validators=validators) as network:
         yield network
 
 
@@ -179,7 +179,7 @@ def test_all_die_and_return_and_nothing_is_lost_or_doubled(network, expected):
 
 @pytest.mark.xdist_group("clique")
 def test_a_round_on_clique_with_one_validator_lost(tmp_path, expected):
-    with running(tmp_path / "net", "clique") as clique:
+    with running(tmp_path / "net", "clique", validators=5) as clique:
         address, found = play_round(connect(clique, 0), lambda: clique.kill(2))
         assert found == expected
         agrees_elsewhere(clique, 3, address, expected)

@@ -314,6 +314,7 @@ class Devnet:
         if self.consensus == "qbft":
             arguments.append("--mine")
         else:
+            arguments += ["--cache", "128"]  # MB; by default its database reserves half a gigabyte on disk at once
             # The sealing key must be open while it seals. It owns nothing and has no role in the contract, and only
             # this machine reaches the endpoint. go-ethereum asks to have that said:
             arguments += ["--unlock", node.address, "--password", "keystore/validator.password"]
