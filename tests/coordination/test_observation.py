@@ -159,6 +159,21 @@ def test_who_may_be_gone_on_arrival_counts_in_part():
         assert maps[0, names.index("cover_nearby"), 2, 2] == pytest.approx(counts * COVER_SCALE)
 
 
+def test_who_has_left_the_zone_is_covered_from_where_it_truly_is_in_range():
+    """It is drawn at the border; to the UAV it is as far as it is, and nearer from where the border lets it go."""
+    names = map_names(obstacles=False, energy=False, outlook=True)
+    options = {"n": 5, "zoom": 2, "names": names, "step": 4.0}
+    uav, vehicle = np.array([[90.0, 50.0]]), np.array([[118.0, 50.0]])
+    seen = flying.observe_team(uav, vehicle, np.array([0]), (0.0, 0.0), 100.0, 24.0, **options)[0]
+    at_border = flying.observe_team(
+        uav, vehicle * 0 + [100.0, 50.0], np.array([0]), (0.0, 0.0), 100.0, 24.0, **options
+    )[0]
+    cover = names.index("cover_nearby")
+    np.testing.assert_array_equal(np.delete(seen, cover, 0), np.delete(at_border, cover, 0))
+    assert (at_border[cover] == COVER_SCALE).all()
+    assert seen[cover, 2].tolist() == [0.0, 0.0, 0.0, COVER_SCALE / 2, COVER_SCALE]
+
+
 def test_absent_and_outlying_vehicles():
     uavs = np.array([[50.0, 50.0]])
     there = np.array([[10.0, 10.0], [np.nan, np.nan], [400.0, -400.0]])

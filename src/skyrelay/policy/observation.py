@@ -148,7 +148,9 @@ def _maps(
     corner = np.asarray(zone_corner, dtype=np.float64)
     there = (np.asarray(owner) >= 0) & np.isfinite(vehicles_xy).all(axis=-1)
     uavs = ((np.asarray(uavs_xy, dtype=np.float64) - corner) / zone_side).clip(0.0, 1.0)
-    vehicles = ((np.asarray(vehicles_xy, dtype=np.float64)[there] - corner) / zone_side).clip(0.0, 1.0)
+    # One that has driven out of the zone is in the maps' nearest cell; whether it would be covered is for its true place.
+    anywhere = (np.asarray(vehicles_xy, dtype=np.float64)[there] - corner) / zone_side
+    vehicles = anywhere.clip(0.0, 1.0)
     of = np.asarray(owner)[there]
 
     uav_cell, vehicle_cell = cell_of(uavs, cells), cell_of(vehicles, cells)
@@ -196,7 +198,7 @@ def _maps(
             raise UsageError("step", step, "the length of a UAV's move [m]: this policy looks ahead")
         has += OUTLOOK_MAPS
         lengths = np.asarray(reach / zone_side), np.asarray(step / zone_side)
-        moves, cover = outlook_maps(uavs, np.ones(len(uavs), bool), own, vehicles, *lengths, n, zone_walls)
+        moves, cover = outlook_maps(uavs, np.ones(len(uavs), bool), own, anywhere, *lengths, n, zone_walls)
         more += (moves[:seers], cover)
     if more:
         levels = np.concatenate([levels, np.stack(more, axis=1).astype(np.float32)], axis=1)
