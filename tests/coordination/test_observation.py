@@ -154,7 +154,7 @@ def test_who_may_be_gone_on_arrival_counts_in_part():
     names = map_names(obstacles=False, energy=False, outlook=True)
     uav, options = np.array([[50.0, 50.0]]), {"n": 5, "zoom": 2, "names": names, "step": 4.0}
     for distance, counts in ((17.9, 1.0), (19.0, 0.75), (20.0, 0.5), (21.0, 0.25), (22.1, 0.0)):
-        vehicle = uav + [distance, 0.0]
+        vehicle = uav + np.array([distance, 0.0])
         maps = flying.observe_team(uav, vehicle, np.array([0]), (0.0, 0.0), 100.0, 20.0, **options)
         assert maps[0, names.index("cover_nearby"), 2, 2] == pytest.approx(counts * COVER_SCALE)
 

@@ -25,15 +25,17 @@ class Score(NamedTuple):
         coverage: share of the vehicles inside their own UAV's range.
         connectivity: 1 where a path of links joins every two UAVs, else 0.
         connectivity_neighbor: 1 where each UAV has at least one neighbour, else 0 (the paper's results text).
-        credit: of each UAV, what it answers for itself: minus the share of all vehicles that are its own and out of its
-            range, plus (connectivity - 1). Summed over the team, the coverage part is Eq. 3's. Where charge counts,
-            those in the air answer for the links between them, one on the ground for the cut that it makes.
+        missed: of each UAV, the share of all vehicles that are its own and out of its range.
+        credit: of each UAV, what it answers for itself: (connectivity - 1) - missed. Summed over the team, the coverage
+            part is Eq. 3's. Where charge counts, those in the air answer for the links between them, one on the ground
+            for the cut that it makes.
     """
 
     reward: Float[Array, ""]
     coverage: Float[Array, ""]
     connectivity: Float[Array, ""]
     connectivity_neighbor: Float[Array, ""]
+    missed: Float[Array, " uavs"]
     credit: Float[Array, " uavs"]
 
 
@@ -56,14 +58,14 @@ def score(
     """
     graph = links(uavs, reach, active if flying is None else flying)
     covered = coverage(uavs, vehicles, owner, reach, walls, flying)
-    missed = (owner >= 0) & ~served(uavs, vehicles, owner, reach, walls, flying)
+    outside = (owner >= 0) & ~served(uavs, vehicles, owner, reach, walls, flying)
     own = owner == jnp.arange(uavs.shape[0])[:, None]
-    share = jnp.sum(missed & own, -1) / jnp.maximum(jnp.sum(owner >= 0), 1)
+    missed = jnp.sum(outside & own, -1) / jnp.maximum(jnp.sum(owner >= 0), 1)
     connected = connectivity(graph, active).astype(covered.dtype)
     neighbored = connectivity_neighbor(graph, active).astype(covered.dtype)
     reward = (covered - 1.0) + (connected - 1.0)
     joined = connected if flying is None else jnp.where(flying, connectivity(graph, flying), 0.0)
-    return Score(reward, covered, connected, neighbored, (joined - 1.0) - share)
+    return Score(reward, covered, connected, neighbored, missed, (joined - 1.0) - missed)
 
 
 def potential(

@@ -51,6 +51,8 @@ class Hyperparameters:
         max_gradient: largest norm of the gradient.
         own_credit: learn from what each UAV answers for itself (`Score.credit`), not from the team's reward: the other
             UAVs' coverage is noise that its action hardly changes. Tests and evaluation always use the reward of Eq. 3.
+        even_credit: with own credit, vehicles count as shares of the UAV's own, not of all. Where games are of many
+            sizes, advantages in large teams are else small beside those in small ones, and drown in the entropy bonus.
         link_margin: with own credit, links count only where they are so many steps of a UAV shorter than the range. A
             team that learns at random moves finds its links cut at random, and gives them up for its vehicles where
             the zone is wide; and the greedy policy moves further in a step than the one that explores.
@@ -74,6 +76,7 @@ class Hyperparameters:
     value: float = 0.5
     max_gradient: float = 0.5
     own_credit: bool = False
+    even_credit: bool = False
     link_margin: float = 0.0
     shaping: float = 0.0
     symmetries: bool = False
@@ -177,6 +180,10 @@ def collect(
         reward = jnp.broadcast_to(transition.score.reward[:, None], value.shape)
         if config.own_credit:
             reward = transition.score.credit
+            if config.even_credit:
+                own = jnp.sum(moved.served_by[:, None] == jnp.arange(shape.uavs)[:, None], axis=-1)
+                of_own = jnp.sum(moved.present, axis=-1, keepdims=True) / jnp.maximum(own, 1)
+                reward = reward + (1.0 - of_own) * transition.score.missed
             if config.link_margin:
                 safe, linked = (jax.vmap(partial(game.linked, margin=m))(moved) for m in (config.link_margin, 0.0))
                 reward = reward + (safe - linked)
@@ -290,7 +297,7 @@ def update(
 
     actor, critic = eqx.combine(arrays, static)
     metrics = {name: jnp.mean(value) for name, value in parts.items()}
-    metrics |= {name: jnp.mean(value) for name, value in score._asdict().items() if name != "credit"}
+    metrics |= {name: jnp.mean(value) for name, value in score._asdict().items() if value.ndim == 2}
     return Learner(actor, critic, state, learner.games, key, learner.updates + 1), metrics
 
 

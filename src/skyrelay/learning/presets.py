@@ -90,9 +90,11 @@ _FAST = Hyperparameters(
     shaping=0.5,
     symmetries=True,
 )
-# Many scales ask for a finer map and a wider network, and wide zones for links with something to spare; eight UAVs a
-# game fill the minibatches.
-_GENERALIST = replace(_FAST, actor=GENERALIST, critic=GENERALIST_CRITIC, epochs=3, minibatches=8, link_margin=0.4)
+# Many scales ask for a finer map and a wider network, many sizes for credit of one size, and wide zones for links with
+# something to spare; eight UAVs a game fill the minibatches.
+_GENERALIST = replace(
+    _FAST, actor=GENERALIST, critic=GENERALIST_CRITIC, minibatches=8, even_credit=True, link_margin=0.4
+)
 # The table's values; what it leaves open (games side by side, minibatches of 500 decisions) is set here.
 _PAPER = Hyperparameters(
     actor=PAPER, critic=PAPER, games=40, horizon=100, epochs=20, minibatches=24, learning_rate=3e-4, anneal=False
@@ -138,5 +140,5 @@ def training(
         base = replace(base, entropy=0.03, gamma=0.97, shaping=1.0)
     actor, critic = (replace(network, maps=shape.maps) for network in (base.actor, base.critic))
     base = replace(base, actor=actor, critic=critic)
-    default = {"fast": 400_000, "generalist": 3_000_000, "paper": 1_000_000}[preset]
+    default = {"fast": 400_000, "generalist": 1_500_000, "paper": 1_000_000}[preset]
     return Training(preset, base, shape, domain, steps if steps is not None else default, seed)

@@ -148,7 +148,7 @@ def _maps(
     corner = np.asarray(zone_corner, dtype=np.float64)
     there = (np.asarray(owner) >= 0) & np.isfinite(vehicles_xy).all(axis=-1)
     uavs = ((np.asarray(uavs_xy, dtype=np.float64) - corner) / zone_side).clip(0.0, 1.0)
-    # One that has driven out of the zone is in the maps' nearest cell; whether it would be covered is for its true place.
+    # One that has left the zone is in the maps' nearest cell; where it would be covered from goes by its true place.
     anywhere = (np.asarray(vehicles_xy, dtype=np.float64)[there] - corner) / zone_side
     vehicles = anywhere.clip(0.0, 1.0)
     of = np.asarray(owner)[there]
