@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import equinox as eqx
 import jax
@@ -158,6 +159,25 @@ def test_a_link_margin_takes_links_near_the_edge_from_the_reward(tiny):
     np.testing.assert_allclose((plain - none)[active], np.broadcast_to(connected, plain.shape)[active], atol=1e-5)
     assert ((plain - some >= -1e-5) & (some - none >= -1e-5))[active].all()
     assert connected.any()
+
+
+def test_even_credit_counts_the_share_of_the_own_vehicles_that_is_out_of_range(tiny):
+    """After one step from the start of games the states that the rewards are of are still at hand."""
+    config = dataclasses.replace(tiny.hyperparameters, gamma=0.0, shaping=0.0, even_credit=True, horizon=1, games=16)
+    domain = dataclasses.replace(tiny.domain, astray=(0.5, 0.5))
+    learner = eqx.filter_jit(ppo.begin)(jax.random.key(0), config, tiny.shape, domain, tiny.updates)
+    learner = eqx.tree_at(lambda state: state.games.time, learner, jnp.zeros(config.games, jnp.int32))
+    after, experience, score = eqx.filter_jit(lambda learner: ppo.collect(learner, config, domain))(learner)
+    reward, games = np.asarray(experience.advantage + experience.value)[0], after.games
+    shares = []
+    for g in range(config.games):
+        for i in np.flatnonzero(games.active[g]):
+            own = [v for v in range(tiny.shape.vehicles) if games.served_by[g, v] == i]
+            away = [math.dist(games.uavs[g, i], games.traffic.position[g, v]) for v in own]
+            missed = sum(distance > float(games.parameters.reach[g]) for distance in away)
+            shares.append(missed / max(len(own), 1))
+            assert float(reward[g, i]) == pytest.approx(float(score.connectivity[0, g]) - 1.0 - shares[-1], abs=1e-5)
+    assert len(set(shares)) > 3
 
 
 @pytest.mark.parametrize(("pieces", "size"), [(2, 6), (4, 2), (3, 4)])
