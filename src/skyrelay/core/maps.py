@@ -57,7 +57,10 @@ Maps of one cell and maps of many then weigh about the same, which is what a net
 NEARBY = 1.25
 """The k-th ring of cells of `cover_nearby` are places k to this power steps of a UAV away; its first, the 8 moves'."""
 COVER_PARTS = 8
-"""Levels of `cover_nearby` for a vehicle that is surely in range; fewer where half a move would change it."""
+"""Levels of `cover_nearby` for a vehicle that is surely in range; fewer where half a move would change it.
+
+Bytes then hold as many vehicles as they do in the six maps (28).
+"""
 FAR = 2.0
 """Zone sides that a UAV can still fly, beyond which it need not know: there and back is less."""
 FAR_LEVEL = 255
