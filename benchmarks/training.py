@@ -1,4 +1,4 @@
-"""How long a policy takes to reach the paper's level, ours beside a PyTorch library's, and what the preset paper costs.
+"""How long a policy takes to reach the paper's level, ours beside a PyTorch library's.
 
 The level is a mean return over -5 of the greedy policy on 200 unseen episodes (N = 3, V = 20), tested every 2,048
 steps; neither tests nor compilation count. Ours is `skyrelay train --preset fast`, several seeds, as it is and with
@@ -23,7 +23,7 @@ import numpy as np
 
 from skyrelay.learning.evaluation import interval
 from skyrelay.learning.presets import Training, training
-from skyrelay.learning.training import Report, estimate, train
+from skyrelay.learning.training import Report, train
 
 ROOT = Path(__file__).parents[1]
 PEERS = ROOT / ".venv" / "peers" / "bin" / "python"
@@ -73,7 +73,6 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5, help="trainings of ours")
     parser.add_argument("--level", type=float, default=-5.0)
     parser.add_argument("--limit", type=float, default=300.0, help="seconds of training that the peer gets")
-    parser.add_argument("--paper", action="store_true", help="also estimate the preset paper, 10^6 steps (a minute)")
     options = parser.parse_args()
     result: dict[str, Any] = {"level": options.level}
 
@@ -111,10 +110,6 @@ def main() -> None:
             result[f"ratio_to_{name}"] = ratio = last["seconds"] / mean["mean"]
             print(f"BenchMARL over {name}: {'' if got_there else 'more than '}{ratio:.0f} times the time")
 
-    if options.paper:
-        paper = training("paper", *SIZES)
-        result["paper_seconds"] = estimate(paper)
-        print(f"preset paper, {paper.steps:,} steps on this machine: about {result['paper_seconds'] / 3600:.1f} h")
     print(json.dumps(result))
 
 
