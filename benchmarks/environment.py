@@ -13,8 +13,6 @@ import json
 import os
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +22,7 @@ cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os
 os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={cores}"
 
 import jax  # noqa: E402
+from shared.timing import fastest  # noqa: E402
 
 from skyrelay.coordination import game  # noqa: E402
 from skyrelay.coordination.settings import Domain, Shape, physical, varied  # noqa: E402
@@ -35,17 +34,6 @@ PEERS = (
     ("peers", "vmas", "simple_spread"),
     ("jaxmarl", "jaxmarl", "MPE_simple_spread_v3"),
 )
-
-
-def fastest(run: Callable[[], Any], repeats: int) -> float:
-    """Seconds of the fastest of several runs, after one that compiles."""
-    jax.block_until_ready(run())
-    seconds = []
-    for _ in range(repeats):
-        begin = time.perf_counter()
-        jax.block_until_ready(run())
-        seconds.append(time.perf_counter() - begin)
-    return min(seconds)
 
 
 def agent_steps(shape: Shape, domain: Domain, games: int, devices: int, repeats: int) -> tuple[float, int]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -18,6 +17,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
+from shared.timing import fastest
 
 from skyrelay.baselines.cost import decentralized_cost
 from skyrelay.core.maps import normalise
@@ -31,17 +31,6 @@ HORIZON = 5
 """Steps of the piece of collecting; a training's time is proportional."""
 PASSES = 3
 """Forward, and twice as much back."""
-
-
-def fastest(run: Callable[[], Any], repeats: int) -> float:
-    """Seconds of the fastest of several runs, after one that compiles."""
-    jax.block_until_ready(run())
-    seconds = []
-    for _ in range(repeats):
-        begin = time.perf_counter()
-        jax.block_until_ready(run())
-        seconds.append(time.perf_counter() - begin)
-    return min(seconds)
 
 
 def stages(network: Network) -> dict[str, Callable[[Network, Array], Array]]:
