@@ -122,6 +122,16 @@ def test_the_outlook_equals_the_plain_loops_in_the_game_and_in_flight(n, vehicle
     assert 1 <= np.min(moves) < np.max(moves) <= 9
 
 
+def test_a_byte_holds_what_one_uav_covers_of_as_many_vehicles_as_there_are_bytes_for():
+    state = game.reset(
+        jax.random.key(0), Shape(1, 28, n=5, outlook=True), physical((1, 1), (28, 28)).draw(jax.random.key(1))
+    )
+    beneath = replace(state, traffic=state.traffic._replace(position=jnp.broadcast_to(state.uavs, (28, 2))))
+    maps = game.observe(beneath)
+    assert maps.dtype == jnp.uint8
+    assert maps[0, -1, 2, 2] == 28 * 8
+
+
 def test_whoever_looks_ahead_says_how_far_it_moves():
     names = map_names(obstacles=False, energy=False, outlook=True)
     with pytest.raises(UsageError, match="step: expected the length of a UAV's move"):

@@ -273,7 +273,7 @@ class Devnet:
             time.sleep(0.1)
         raise ChainError(
             f"devnet {self.directory}",
-            f"no {more} new blocks on every validator in {timeout:g} s",
+            f"not at block {goal} on every validator after {timeout:g} s" if goal is not None else "without an answer",
             "validators that agree",
         )
 

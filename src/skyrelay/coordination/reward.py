@@ -25,7 +25,7 @@ class Score(NamedTuple):
         coverage: share of the vehicles inside their own UAV's range.
         connectivity: 1 where a path of links joins every two UAVs, else 0.
         connectivity_neighbor: 1 where each UAV has at least one neighbour, else 0 (the paper's results text).
-        missed: of each UAV, the share of all vehicles that are its own and out of its range.
+        missed: of each UAV, the share of all vehicles that are its own and out of its range (or sight).
         credit: of each UAV, what it answers for itself: (connectivity - 1) - missed. Summed over the team, the coverage
             part is Eq. 3's. Where charge counts, those in the air answer for the links between them, one on the ground
             for the cut that it makes.

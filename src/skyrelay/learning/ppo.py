@@ -297,6 +297,7 @@ def update(
 
     actor, critic = eqx.combine(arrays, static)
     metrics = {name: jnp.mean(value) for name, value in parts.items()}
+    # Of the team's scores; what each UAV answers for has a third axis.
     metrics |= {name: jnp.mean(value) for name, value in score._asdict().items() if value.ndim == 2}
     return Learner(actor, critic, state, learner.games, key, learner.updates + 1), metrics
 
