@@ -6,6 +6,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from skyrelay.core.folders import new_folder, sole_writer
+
 
 def refused(ended, *parts):
     assert ended.status == 2
@@ -101,3 +103,10 @@ def test_the_scenario_command_prints_what_it_reads(skyrelay, tmp_path):
     (tmp_path / "mine.toml").write_text(printed.out)
     assert skyrelay("scenario", tmp_path / "mine.toml").out == printed.out
     assert "uavs = 7" in printed.out
+
+
+@pytest.mark.parametrize("command", [["run", "--force"], ["train"]])
+def test_two_at_once_into_one_place(skyrelay, tmp_path, command):
+    out = tmp_path / "place"
+    with new_folder(out) if command[0] == "run" else sole_writer(out):
+        refused(skyrelay(*command, "--out", out), str(out), "in use", "no other process")

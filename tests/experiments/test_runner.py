@@ -131,13 +131,13 @@ def test_two_processes_cannot_write_to_one_folder(tmp_path):
         "import fcntl, sys, time; f = open(sys.argv[1], 'a'); fcntl.flock(f, fcntl.LOCK_EX); "
         "print('held', flush=True); time.sleep(60)"
     )
-    holder = subprocess.Popen(
-        [sys.executable, "-c", code, str(tmp_path / "out" / "journal.jsonl")], stdout=subprocess.PIPE
-    )
+    holder = subprocess.Popen([sys.executable, "-c", code, str(tmp_path / "out" / ".lock")], stdout=subprocess.PIPE)
     try:
         assert holder.stdout.readline() == b"held\n"
         with pytest.raises(RunFolderError, match="in use"):
             run(experiment(), tmp_path / "out")
+        with pytest.raises(RunFolderError, match="in use"):
+            run(Experiment("other", "runner_tasks:draw", [Task("a", {"seed": 1})]), tmp_path / "out")
     finally:
         holder.kill()
         holder.wait()

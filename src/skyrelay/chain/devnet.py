@@ -17,7 +17,6 @@ import shutil
 import signal
 import socket
 import subprocess
-import tempfile
 import time
 import urllib.request
 from collections.abc import Callable, Sequence
@@ -35,6 +34,7 @@ from eth_keys.datatypes import PrivateKey
 
 from skyrelay.core.errors import ChainError, UsageError
 from skyrelay.core.files import write_text
+from skyrelay.core.folders import new_folder
 
 Consensus = Literal["qbft", "clique"]
 
@@ -129,7 +129,10 @@ class Devnet:
             chain_id: that transactions are signed for.
             period: time between blocks [s].
             rpc_port: of the first validator, the others' follow; left out: free ports are chosen.
-        Raises: UsageError: an argument does not fit; ChainError: the folder is not empty, or no node program is found.
+        Raises:
+            UsageError: an argument does not fit.
+            ChainError: the folder is not empty, or no node program is found.
+            RunFolderError: another process is making a network there.
         """
         if not 1 <= validators <= 32:
             raise UsageError("validators", validators, "1 to 32")
@@ -146,10 +149,7 @@ class Devnet:
         ports = _free_ports(3 * validators) if rpc_port is None else list(range(rpc_port, rpc_port + 3 * validators))
         nodes = [Validator(i, key.address, key.public_key, *ports[i::validators]) for i, key in enumerate(keys)]
         try:
-            directory.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryDirectory(dir=directory.parent, prefix=f".{directory.name}-") as beside:
-                root = Path(beside) / "devnet"
-                root.mkdir()
+            with new_folder(directory) as root:
                 genesis = _genesis(consensus, [key.address for key in keys], chain_id, period)
                 write_text(root / "genesis.json", json.dumps(genesis, indent=2) + "\n")
                 _write_keystore(root / "accounts", "operator", _Key.fresh())
@@ -165,7 +165,6 @@ class Devnet:
                 state: dict[str, Any] = {"consensus": consensus, "chain_id": chain_id, "period": period}
                 state["validators"] = [asdict(node) for node in nodes]
                 write_text(root / _STATE, json.dumps(state, indent=2) + "\n")
-                root.rename(directory)
         except OSError as error:
             raise ChainError(directory, error.strerror, "a folder that can be written") from None
         return cls(directory, consensus, chain_id, period, nodes)

@@ -68,12 +68,13 @@ def command(
         raise UsageError("--seeds", seeds, "1 beside --resume or --tensorboard")
 
     from skyrelay.cli.training_progress import TrainingProgress
+    from skyrelay.core.folders import sole_writer
     from skyrelay.learning.presets import training
     from skyrelay.learning.training import estimate, train, train_side_by_side
 
     config = training(preset, team, traffic, steps=steps, seed=seed, games=games, paper_maps=paper_maps)  # type: ignore[arg-type]
     line = shlex.join(["skyrelay", "train", *_arguments(sys.argv)])
-    with TrainingProgress() as progress:
+    with sole_writer(out), TrainingProgress() as progress:
         if preset == "paper":
             progress.promise(estimate(config))  # hours on a CPU
         if seeds > 1:

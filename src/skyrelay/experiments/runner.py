@@ -11,7 +11,6 @@ Numbers pass through JSON, which keeps every digit of a double, so results are t
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import importlib
 import importlib.metadata
@@ -32,6 +31,7 @@ import pyarrow.parquet as pq
 import skyrelay
 from skyrelay.core.errors import RunFolderError, UsageError
 from skyrelay.core.files import atomic_path, write_text
+from skyrelay.core.folders import LOCK, sole_writer
 from skyrelay.core.progress import Progress, Silent
 
 Row = dict[str, Any]
@@ -111,8 +111,7 @@ def run(
     """
     shown = progress or Silent()
     _check_names(experiment)
-    _claim(experiment, folder, command)
-    with _locked_journal(folder / JOURNAL) as journal:
+    with _claimed(experiment, folder, command) as journal:
         done = _finished(journal, folder / JOURNAL, {task.name for task in experiment.tasks})
         todo = [task for task in experiment.tasks if task.name not in done]
         shown.stage(experiment.name, len(experiment.tasks))
@@ -138,12 +137,21 @@ def _check_names(experiment: Experiment) -> None:
         raise UsageError(f"experiment {experiment.name}: task", twice, "a name that no other task has")
 
 
+@contextmanager
+def _claimed(experiment: Experiment, folder: Path, command: str | None) -> Iterator[BufferedRandom]:
+    """The folder's journal, for this process alone."""
+    with sole_writer(folder):
+        _claim(experiment, folder, command)
+        with (folder / JOURNAL).open("a+b") as journal:
+            yield journal
+
+
 def _claim(experiment: Experiment, folder: Path, command: str | None) -> None:
     """Write the manifest, or find the same one there."""
     wanted = json.loads(json.dumps(experiment.manifest()))
     path = folder / MANIFEST
     if not path.exists():
-        if folder.exists() and any(folder.iterdir()):
+        if any(entry.name != LOCK for entry in folder.iterdir()):
             raise RunFolderError(folder, None, f"an empty folder, or one with a {MANIFEST}")
         write_text(path, _pretty({"command": command, **wanted}))
         return
@@ -176,17 +184,6 @@ def _brief(key: str, value: object) -> str:
         digest = hashlib.sha256(json.dumps(list(value.items())).encode()).hexdigest()[:12]
         return f"{len(value)} tasks ({digest})"
     return json.dumps(value)
-
-
-@contextmanager
-def _locked_journal(path: Path) -> Iterator[BufferedRandom]:
-    """The journal, open for this process alone."""
-    with path.open("a+b") as journal:
-        try:
-            fcntl.flock(journal, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise RunFolderError(path, "in use", "a folder that no other process is writing to") from None
-        yield journal
 
 
 def _finished(journal: BufferedRandom, path: Path, names: set[str]) -> dict[str, list[Row]]:

@@ -1,44 +1,32 @@
-"""A run folder appears whole: it is filled beside its place, then renamed."""
+"""What may lie where a run folder goes."""
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 from skyrelay.core.errors import RunFolderError
+from skyrelay.core.folders import new_folder
 
 MARK = "summary.json"
 
 
-@contextmanager
-def new_run_folder(path: Path, replace: bool = False) -> Iterator[Path]:
-    """A folder to fill; on success it becomes ``path``, on any error it is removed.
+def new_run_folder(path: Path, replace: bool = False) -> AbstractContextManager[Path]:
+    """A folder to fill; on success it becomes ``path``, on any error it is removed (`skyrelay.core.folders`).
 
     Raises:
-        RunFolderError: something is at ``path`` that must not be, or may not be, replaced.
+        RunFolderError: something is at ``path`` that must not be, or may not be, replaced, or another run is on the
+            way there.
     """
-    _check(path, replace)
-    beside = path.parent / f".{path.name}.partial"
-    try:
-        shutil.rmtree(beside, ignore_errors=True)  # left by a run that was killed
-        beside.mkdir(parents=True)
-    except OSError as error:
-        raise RunFolderError(path, None, f"a place where a folder can be made ({error.strerror})") from error
-    try:
-        yield beside
-        if path.exists():
-            shutil.rmtree(path)
-        beside.rename(path)
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
 
+    def check(place: Path) -> None:
+        if not place.exists():
+            return
+        if not place.is_dir() or (any(place.iterdir()) and not (place / MARK).is_file()):
+            raise RunFolderError(place, None, "a place for a new run folder; something that is no run folder is there")
+        if not replace and any(place.iterdir()):
+            raise RunFolderError(
+                place, None, "no run folder there yet: choose another --out, or replace it with --force"
+            )
 
-def _check(path: Path, replace: bool) -> None:
-    if not path.exists():
-        return
-    if not path.is_dir() or (any(path.iterdir()) and not (path / MARK).is_file()):
-        raise RunFolderError(path, None, "a place for a new run folder; something that is no run folder is there")
-    if not replace and any(path.iterdir()):
-        raise RunFolderError(path, None, "no run folder there yet: choose another --out, or replace it with --force")
+    return new_folder(path, check)
