@@ -19,9 +19,9 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from skyrelay.chain.audit import audit_run
 from skyrelay.chain.client import IovClient, Role, Settings, UavRecord, VehicleRecord
-from skyrelay.chain.embedded import EmbeddedChain
+from skyrelay.chain.embedded.chain import EmbeddedChain
+from skyrelay.chain.proof.audit import audit_run
 
 VEHICLES = 500
 ZONES = (1, 2, 3, 4)

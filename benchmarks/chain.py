@@ -27,13 +27,13 @@ from pathlib import Path
 from typing import Any
 
 from skyrelay.chain.accounts import Keyring
-from skyrelay.chain.audit import audit_node
 from skyrelay.chain.chain import Call, Chain
 from skyrelay.chain.client import IovClient, Role, Settings, UavRecord, VehicleRecord
-from skyrelay.chain.devnet import Devnet
-from skyrelay.chain.embedded import EmbeddedChain
-from skyrelay.chain.node import NodeChain
-from skyrelay.chain.replay import replay
+from skyrelay.chain.embedded.chain import EmbeddedChain
+from skyrelay.chain.node.chain import NodeChain
+from skyrelay.chain.node.devnet import Devnet
+from skyrelay.chain.proof.audit import audit_node
+from skyrelay.chain.proof.replay import replay
 
 PAPER_TPS = 3000
 ZONES = range(1, 5)

@@ -12,7 +12,7 @@ from eth_abi import encode
 from eth_hash.auto import keccak
 
 from skyrelay.chain.chain import Call
-from skyrelay.chain.embedded import EmbeddedChain
+from skyrelay.chain.embedded.chain import EmbeddedChain
 
 SIZES = (10, 50, 100, 200, 500, 1000)
 CAPACITY = 20_000

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 
 from skyrelay.chain.chain import Call, Chain
 from skyrelay.chain.client import IovClient, ModelCard, Role, Settings, UavRecord, VehicleRecord
-from skyrelay.chain.embedded import EmbeddedChain
+from skyrelay.chain.embedded.chain import EmbeddedChain
 
 ZONES = (1, 2)
 

@@ -14,7 +14,7 @@ from eth_account import Account
 from eth_hash.auto import keccak
 
 from skyrelay.chain.chain import Call, Receipt
-from skyrelay.chain.embedded import EmbeddedChain
+from skyrelay.chain.embedded.chain import EmbeddedChain
 
 
 class Node:

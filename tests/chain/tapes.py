@@ -18,11 +18,11 @@ from typing import Any
 import rlp
 from chain_rounds import World
 
-from skyrelay.chain import devnet
 from skyrelay.chain.accounts import Keyring
-from skyrelay.chain.audit import audit_node
-from skyrelay.chain.devnet import Devnet
-from skyrelay.chain.node import NodeChain
+from skyrelay.chain.node import devnet
+from skyrelay.chain.node.chain import NodeChain
+from skyrelay.chain.node.devnet import Devnet
+from skyrelay.chain.proof.audit import audit_node
 
 FOLDER = Path(__file__).parent / "tapes"
 CONSENSUS = ("qbft", "ibft", "clique")

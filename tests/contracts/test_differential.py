@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from skyrelay.chain.client import IovClient, ProposalStatus, Role, Settings, UavRecord, VehicleRecord
-from skyrelay.chain.embedded import EmbeddedChain
+from skyrelay.chain.embedded.chain import EmbeddedChain
 from skyrelay.selection.fixed_point import (
     FixedParameters,
     allocate_fixed,

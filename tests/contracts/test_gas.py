@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from skyrelay.chain.gas import PAPER_GAS, GasReport, differences, measure
+from skyrelay.chain.embedded.gas import PAPER_GAS, GasReport, differences, measure
 
 SNAPSHOT = Path(__file__).parents[2] / "contracts" / "gas-snapshot.json"
 

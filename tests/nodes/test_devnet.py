@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from skyrelay.chain.devnet import Devnet
+from skyrelay.chain.node.devnet import Devnet
 from skyrelay.core.errors import ChainError, UsageError
 
 pytestmark = pytest.mark.nodes
@@ -128,6 +128,6 @@ def test_a_validator_that_ends_is_told_with_its_last_words(tmp_path):
 def test_no_node_program_is_told(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("skyrelay.chain.devnet.__file__", str(tmp_path / "a" / "b" / "c" / "d.py"))
+    monkeypatch.setattr("skyrelay.chain.node.devnet.__file__", str(tmp_path / "a" / "b" / "c" / "d" / "e.py"))
     with pytest.raises(ChainError, match=r"node program for qbft: expected GoQuorum on PATH or in \.tools/bin"):
         Devnet.create(tmp_path / "net")

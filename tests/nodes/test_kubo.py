@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from skyrelay.chain.client import IovClient, Role, Settings, VehicleRecord
-from skyrelay.chain.embedded import EmbeddedChain
+from skyrelay.chain.embedded.chain import EmbeddedChain
 from skyrelay.core.errors import StoreError
 from skyrelay.policy import Policy
 from skyrelay.protocol.uav import UavAgent

@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 
 from skyrelay.chain.accounts import Keyring
-from skyrelay.chain.audit import audit_node
 from skyrelay.chain.chain import Chain
 from skyrelay.chain.client import IovClient, ModelCard, Role, Settings, UavRecord, VehicleRecord
-from skyrelay.chain.devnet import Devnet
-from skyrelay.chain.embedded import EmbeddedChain
-from skyrelay.chain.node import NodeChain
+from skyrelay.chain.embedded.chain import EmbeddedChain
+from skyrelay.chain.node.chain import NodeChain
+from skyrelay.chain.node.devnet import Devnet
+from skyrelay.chain.proof.audit import audit_node
 from skyrelay.store.cid import cid_of
 
 pytestmark = [pytest.mark.nodes, pytest.mark.xdist_group("devnet")]

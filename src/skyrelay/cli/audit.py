@@ -33,8 +33,8 @@ def command(
     Exit status: 0 all agree, 1 something differs, 2 there is nothing to audit.
     """
     from skyrelay.chain.accounts import Keyring
-    from skyrelay.chain.audit import audit_node, audit_run
-    from skyrelay.chain.node import NodeChain
+    from skyrelay.chain.node.chain import NodeChain
+    from skyrelay.chain.proof.audit import audit_node, audit_run
 
     def progress(stage: str) -> None:
         typer.echo(f"{stage} ...", err=True)

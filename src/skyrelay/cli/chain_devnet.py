@@ -43,7 +43,7 @@ def command(
 
       skyrelay run --set chain.url=http://127.0.0.1:8545
     """
-    from skyrelay.chain.devnet import Devnet
+    from skyrelay.chain.node.devnet import Devnet
     from skyrelay.core.errors import UsageError
 
     if (directory / "devnet.json").exists():

@@ -23,7 +23,7 @@ def command(as_json: Json = False) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from skyrelay.chain.gas import measure
+    from skyrelay.chain.embedded.gas import measure
 
     report = measure()
     if as_json:

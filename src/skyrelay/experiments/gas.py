@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 
-from skyrelay.chain import gas
+from skyrelay.chain.embedded import gas
 from skyrelay.core.files import atomic_path
 from skyrelay.experiments.claims import Finding
 from skyrelay.experiments.figures import FigureSpec, Rendered, Scale

@@ -8,8 +8,8 @@ from types import TracebackType
 
 from skyrelay.chain.accounts import Keyring
 from skyrelay.chain.client import IovClient, ModelCard, Role, Settings
-from skyrelay.chain.embedded import EmbeddedChain
-from skyrelay.chain.node import NodeChain
+from skyrelay.chain.embedded.chain import EmbeddedChain
+from skyrelay.chain.node.chain import NodeChain
 from skyrelay.core.flight import ACTIONS
 from skyrelay.core.maps import map_names
 from skyrelay.core.scenario import Chain as ChainConfig

@@ -6,11 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from skyrelay.chain import evm
 from skyrelay.chain.abi import contract
 from skyrelay.chain.chain import Receipt
-from skyrelay.chain.embedded import BlockBuilder, with_hash
-from skyrelay.chain.ledger import (
+from skyrelay.chain.embedded.chain import BlockBuilder, with_hash
+from skyrelay.chain.embedded.ledger import (
     FILE_NAME,
     Block,
     DamagedRecordError,
@@ -22,6 +21,7 @@ from skyrelay.chain.ledger import (
     parse_block,
     split,
 )
+from skyrelay.chain.evm import machine as evm
 from skyrelay.core.errors import ChainError, RunFolderError
 
 

@@ -16,7 +16,7 @@ from eth_abi.abi import encode
 from eth_hash.auto import keccak
 
 from skyrelay.chain.abi import Event
-from skyrelay.chain.replay import Difference
+from skyrelay.chain.proof.replay import Difference
 from skyrelay.core.errors import SelectionError
 from skyrelay.selection.fixed_point import (
     DISTANCE_SCALE,

@@ -13,10 +13,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from skyrelay.chain import evm
+from skyrelay.chain.evm import machine as evm
 
 if TYPE_CHECKING:
-    from skyrelay.chain.evm import Code, Trace
+    from skyrelay.chain.evm.machine import Code, Trace
 
 MAX_OPERATIONS = 400
 """Of a trace; one that reaches it ends at the next place where it can."""

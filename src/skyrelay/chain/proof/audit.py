@@ -21,11 +21,11 @@ import pyarrow.parquet as pq
 from skyrelay.chain.abi import Event, contract, extension
 from skyrelay.chain.chain import LogEntry
 from skyrelay.chain.client import IovClient
-from skyrelay.chain.ledger import FILE_NAME, Block
-from skyrelay.chain.node import NodeChain
-from skyrelay.chain.reference import ReferenceContract
-from skyrelay.chain.replay import Difference, replay
-from skyrelay.chain.sealed import SealedBlocks
+from skyrelay.chain.embedded.ledger import FILE_NAME, Block
+from skyrelay.chain.node.chain import NodeChain
+from skyrelay.chain.proof.reference import ReferenceContract
+from skyrelay.chain.proof.replay import Difference, replay
+from skyrelay.chain.proof.sealed import SealedBlocks
 from skyrelay.core.errors import ChainError, RunFolderError
 
 CHAIN_FOLDER = "chain"

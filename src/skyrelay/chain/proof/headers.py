@@ -21,7 +21,7 @@ from eth_keys.exceptions import BadSignature
 from eth_utils.exceptions import ValidationError
 
 from skyrelay.chain.chain import LogEntry
-from skyrelay.chain.trie import Node, encode, list_root
+from skyrelay.chain.proof.trie import Node, encode, list_root
 
 UNREADABLE = (
     KeyError,

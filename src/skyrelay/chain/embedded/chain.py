@@ -8,9 +8,8 @@ from types import TracebackType
 
 from eth_hash.auto import keccak
 
-from skyrelay.chain import evm
 from skyrelay.chain.chain import Answer, Call, LogEntry, Receipt
-from skyrelay.chain.ledger import (
+from skyrelay.chain.embedded.ledger import (
     FILE_NAME,
     Block,
     BlockFile,
@@ -23,6 +22,7 @@ from skyrelay.chain.ledger import (
     encode_block,
     encode_genesis,
 )
+from skyrelay.chain.evm import machine as evm
 from skyrelay.core.errors import ChainError
 
 CHAIN_ID = 31337

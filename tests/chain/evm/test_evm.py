@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyrelay.chain import evm
+from skyrelay.chain.evm import machine as evm
 from skyrelay.core.errors import ChainError
 
 BLOCK = evm.BlockContext(number=7, timestamp=99, gas_limit=30_000_000, chain_id=5, block_hash=lambda n: 1000 + n)

@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from tapes import CONSENSUS, PlayedChain, read
 from typer.testing import CliRunner
 
-from skyrelay.chain import sealed
-from skyrelay.chain.audit import AuditReport, audit_node
-from skyrelay.chain.headers import Seal, header_hash
+from skyrelay.chain.proof import sealed
+from skyrelay.chain.proof.audit import AuditReport, audit_node
+from skyrelay.chain.proof.headers import Seal, header_hash
 from skyrelay.cli.main import app
 from skyrelay.core.errors import ChainError
 

@@ -10,7 +10,8 @@ from eth_hash.auto import keccak
 
 from skyrelay.chain.abi import Contract
 from skyrelay.chain.chain import LogEntry
-from skyrelay.chain.headers import (
+from skyrelay.chain.node.chain import NodeChain
+from skyrelay.chain.proof.headers import (
     UNREADABLE,
     Seal,
     Transaction,
@@ -23,9 +24,8 @@ from skyrelay.chain.headers import (
     transaction,
     transactions_root,
 )
-from skyrelay.chain.node import NodeChain
-from skyrelay.chain.replay import Difference
-from skyrelay.chain.trie import proven
+from skyrelay.chain.proof.replay import Difference
+from skyrelay.chain.proof.trie import proven
 
 _AT_ONCE = 100
 """Blocks that are asked for together."""

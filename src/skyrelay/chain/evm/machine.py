@@ -1,7 +1,7 @@
 """An Ethereum virtual machine with London's rules: exact gas, fast enough to simulate with.
 
-Bytecode is translated to Python, trace by trace, when it is first reached (`skyrelay.chain.translate`); this file holds
-what the translated code calls: state, gas, memory, calls between contracts, and the execution of one transaction.
+Bytecode is translated to Python, trace by trace, when it is first reached (`skyrelay.chain.evm.translate`); this file
+holds what the translated code calls: state, gas, memory, calls between contracts, and the execution of one transaction.
 Why not an existing one: docs/decisions/0020-embedded-chain.md.
 
 Addresses, storage slots and storage values are integers; code, call data and output are bytes.
@@ -111,14 +111,14 @@ class Code:
 
     def trace(self, pc: int) -> Trace:
         """The trace from ``pc``, translated now."""
-        from skyrelay.chain.translate import translate
+        from skyrelay.chain.evm.translate import translate
 
         trace = self.traces[pc] = translate(self, pc, follow_jumps=True)
         return trace
 
     def straight_trace(self, pc: int) -> Trace:
         """A trace that ends at the first jump, for the rare frame whose stack is nearly full."""
-        from skyrelay.chain.translate import translate
+        from skyrelay.chain.evm.translate import translate
 
         if pc not in self._straight:
             self._straight[pc] = translate(self, pc, follow_jumps=False)

@@ -368,7 +368,7 @@ def find_binary(consensus: Consensus) -> str:
     """
     names = ("goquorum", "geth") if consensus == "qbft" else ("geth",)
     wanted = "GoQuorum" if consensus == "qbft" else "go-ethereum 1.13 or earlier"
-    tools = [str(root / ".tools" / "bin") for root in (Path.cwd(), Path(__file__).resolve().parents[3])]
+    tools = [str(root / ".tools" / "bin") for root in (Path.cwd(), Path(__file__).resolve().parents[4])]
     places = os.pathsep.join([*tools, os.environ.get("PATH", os.defpath)])
     found = [path for name in names if (path := shutil.which(name, path=places)) is not None]
     for path in found:

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from skyrelay.chain.chain import Call
-from skyrelay.chain.embedded import EmbeddedChain
-from skyrelay.chain.ledger import FILE_NAME
-from skyrelay.chain.replay import replay
+from skyrelay.chain.embedded.chain import EmbeddedChain
+from skyrelay.chain.embedded.ledger import FILE_NAME
+from skyrelay.chain.proof.replay import replay
 from skyrelay.core.errors import ChainError
 
 # Adds its call data's first word to slot 0 and logs the sum; reverts with the data if that word is 0.
@@ -172,7 +172,7 @@ def test_a_killed_process_loses_no_block_that_it_reported(tmp_path: Path, seed: 
         from pathlib import Path
         from tests_of_counter import INSTALLER, COUNTER
         from skyrelay.chain.chain import Call
-        from skyrelay.chain.embedded import EmbeddedChain
+        from skyrelay.chain.embedded.chain import EmbeddedChain
 
         chain = EmbeddedChain(Path(sys.argv[1]))
         sender = chain.account("someone")
@@ -188,7 +188,7 @@ def test_a_killed_process_loses_no_block_that_it_reported(tmp_path: Path, seed: 
         [sys.executable, "-c", program, str(folder)],
         stdout=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
     )
     assert process.stdout is not None
     lines = [process.stdout.readline() for _ in range(3 + seed)]

@@ -8,7 +8,14 @@ import pytest
 from eth_account import Account
 from tapes import read
 
-from skyrelay.chain.headers import Seal, header_hash, raw_transaction, receipts_root, transaction, transactions_root
+from skyrelay.chain.proof.headers import (
+    Seal,
+    header_hash,
+    raw_transaction,
+    receipts_root,
+    transaction,
+    transactions_root,
+)
 
 KEY = "0x" + "11" * 32
 RECIPIENT = "0x" + "ab" * 20

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from skyrelay.chain.abi import contract
 from skyrelay.chain.chain import Call, Receipt
 from skyrelay.chain.client import IovClient, ModelCard, Role, Settings, UavRecord, VehicleRecord
-from skyrelay.chain.embedded import EmbeddedChain
+from skyrelay.chain.embedded.chain import EmbeddedChain
 from skyrelay.core.errors import ChainError
 
 PAPER_GAS = {

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 from chain_rounds import World
 
-from skyrelay.chain import evm
 from skyrelay.chain.chain import Answer, Call, Receipt
 from skyrelay.chain.client import IovClient
-from skyrelay.chain.embedded import EmbeddedChain
+from skyrelay.chain.embedded.chain import EmbeddedChain
+from skyrelay.chain.evm import machine as evm
 
 pytestmark = [pytest.mark.contracts, pytest.mark.xdist_group("anvil")]
 

@@ -7,8 +7,8 @@ from eth_hash.auto import keccak
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyrelay.chain.headers import UNREADABLE
-from skyrelay.chain.trie import encode, list_root, proven, root
+from skyrelay.chain.proof.headers import UNREADABLE
+from skyrelay.chain.proof.trie import encode, list_root, proven, root
 
 keys = st.binary(min_size=32, max_size=32)
 values = st.binary(min_size=1, max_size=80)

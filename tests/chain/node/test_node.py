@@ -15,8 +15,8 @@ from skyrelay.chain.abi import ContractError
 from skyrelay.chain.accounts import PASSWORD, PASSWORD_FILE, Keyring
 from skyrelay.chain.chain import Call
 from skyrelay.chain.client import IovClient, Settings, VehicleRecord
-from skyrelay.chain.embedded import EmbeddedChain
-from skyrelay.chain.node import NodeChain
+from skyrelay.chain.embedded.chain import EmbeddedChain
+from skyrelay.chain.node.chain import NodeChain
 from skyrelay.core.errors import ChainError
 
 

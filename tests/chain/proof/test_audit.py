@@ -19,11 +19,11 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from skyrelay.chain.abi import Event
-from skyrelay.chain.audit import audit_run
-from skyrelay.chain.embedded import EmbeddedChain
-from skyrelay.chain.ledger import FILE_NAME, content_hash
-from skyrelay.chain.reference import ReferenceContract
-from skyrelay.chain.replay import replay
+from skyrelay.chain.embedded.chain import EmbeddedChain
+from skyrelay.chain.embedded.ledger import FILE_NAME, content_hash
+from skyrelay.chain.proof.audit import audit_run
+from skyrelay.chain.proof.reference import ReferenceContract
+from skyrelay.chain.proof.replay import replay
 from skyrelay.cli.main import app
 from skyrelay.core.errors import RunFolderError
 

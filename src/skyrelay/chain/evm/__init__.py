@@ -1,0 +1,1 @@
+"""The EVM as SkyRelay runs it: London rules, in Python."""

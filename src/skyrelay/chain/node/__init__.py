@@ -1,0 +1,1 @@
+"""A chain of nodes: the JSON-RPC client and the devnet."""
