@@ -11,7 +11,13 @@ import pytest
 from skyrelay.chain.client import IovClient, Role, Settings, VehicleRecord
 from skyrelay.chain.embedded.chain import EmbeddedChain
 from skyrelay.core.errors import StoreError
+from skyrelay.core.law import Law
+from skyrelay.core.scenario import Energy
+from skyrelay.core.zones import ZoneGrid
 from skyrelay.policy import Policy
+from skyrelay.protocol.host import Host
+from skyrelay.protocol.messages import Fix, Phase, Tick
+from skyrelay.protocol.sequence import UavState
 from skyrelay.protocol.uav import UavAgent
 from skyrelay.simulation.consortium import chain_card
 from skyrelay.store.cid import CHUNK_BYTES, Cid, cid_of
@@ -122,17 +128,18 @@ def test_a_uav_that_knows_only_the_cid_from_the_chain_flies_the_published_policy
         published = KuboStore(swarm[0].url).put(policy.content)
         client.execute([client.register_model(administrator, bytes(published), chain_card(policy.card))])
 
-        agent = UavAgent("u1", chain.account("u1"), 100.0, 9_000.0, KuboStore(swarm[1].url), Policy.load)
-        client.execute([agent.register(client, 0.0, 0.0, 90.0, 1)])
-        client.execute([client.register_vehicle(vehicle, VehicleRecord(10.0, 10.0, 500.0, 1))])
-        client.execute([client.submit_veh_selection(vehicle, agent.address, 1_000.0, 1)])
-        client.execute([client.allocate_zone(administrator, 1, 10)])
-        client.execute([client.determine_mdrl_model(administrator, 1)])
-        agent.learn(len(client.selections([agent.address])[agent.address]))
-
-        model = client.model_of_zone(1)
-        assert model is not None
-        flown = agent.equip(Cid.from_bytes(model.cid))
+        law = Law(ZoneGrid(0.0, 0.0, 1000.0, 1, 1), 500.0, 30.0, 2.0, Energy(), None, 10.0)
+        agent = UavAgent("u1", chain.account("u1"), 1, 100.0, 9_000, law, Policy.load)
+        host = Host([agent], client, KuboStore(swarm[1].url), lambda event: None)
+        agent.receive(Fix((0.0, 0.0), 90.0))
+        host.tick(Tick(Phase.JOIN))
+        host.execute([client.register_vehicle(vehicle, VehicleRecord(10.0, 10.0, 500.0, 1))])
+        host.execute([client.submit_veh_selection(vehicle, agent.address, 1_000.0, 1)])
+        host.execute([client.allocate_zone(administrator, 1, 10)])
+        host.execute([client.determine_mdrl_model(administrator, 1)])
+    assert agent.state is UavState.FLYING
+    flown = agent.policy
+    assert flown is not None
     assert flown.content == policy.content
     maps = np.zeros((1, len(flown.card.maps), flown.n, flown.n), np.float32)
     assert flown.decide(maps).shape == (1,)

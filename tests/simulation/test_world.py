@@ -1,9 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyrelay.core.scenario import load_scenario
+from skyrelay.core.law import Law
+from skyrelay.core.resolved import resolve
+from skyrelay.core.scenario import Demand, load_scenario
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.mobility import Tracks, load_tracks
 from skyrelay.simulation.world import _apportion, deploy_fleet, draw_members
@@ -63,7 +67,7 @@ def test_an_area_without_traffic_still_gets_its_fleet():
 
 
 def test_members_are_whole_numbers_in_the_contract_s_units():
-    members = draw_members(load_scenario(overrides=["demand.bandwidth=[0.0, 0.001]"]), 1000)
+    members = draw_members(Demand(bandwidth=(0.0, 0.001)), 1, 1000)
     assert members.demand.min() == 1  # a demand of nothing is no demand
     assert np.issubdtype(members.payment.dtype, np.integer)
     assert members.payment.max() <= 700
@@ -71,17 +75,18 @@ def test_members_are_whole_numbers_in_the_contract_s_units():
 
 def test_draining_never_goes_below_zero_and_spares_the_landed(tracks):
     scenario = load_scenario()
+    law = replace(Law.of(resolve(scenario, _grid(tracks)), _grid(tracks)), seconds=60.0)
     fleet = _fleet(scenario, tracks)
     fleet.zone[0] = 0
     before = fleet.battery.copy()
     moved = np.zeros(len(fleet.ids), dtype=bool)
     moved[1] = True
-    fleet.drain(scenario.energy, moved, 60.0, _grid(tracks))
+    fleet.drain(law, moved)
     spent = before - fleet.battery
     assert spent[0] == 0
     assert spent[1] == pytest.approx(min(5.0, before[1]))
     np.testing.assert_allclose(spent[2:], np.minimum(4.0, before[2:]))
-    fleet.drain(scenario.energy, moved, 1e6, _grid(tracks))
+    fleet.drain(replace(law, seconds=1e6), moved)
     assert fleet.battery[1:].max() == 0
 
 
@@ -90,4 +95,4 @@ def _grid(tracks):
 
 
 def _fleet(scenario, tracks):
-    return deploy_fleet(scenario, tracks, _grid(tracks))
+    return deploy_fleet(scenario.fleet, scenario.seed, tracks, _grid(tracks))

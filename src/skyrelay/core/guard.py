@@ -40,7 +40,7 @@ def too_far(places: Any, uavs: Any, active: Any, reach: Any) -> Any:
     Args:
         places: [P, N, 2] of each UAV.
         uavs, active: as in `spanning_tree`.
-        reach: range of the links, an array of one number.
+        reach: range of the links, an array of one number or [N, N].
     Returns: [P, N] in the unit of the positions, 0 where they hold.
     """
     xp = uavs.__array_namespace__()

@@ -207,7 +207,7 @@ def range_map(reach: Any, uavs: int, n: int) -> Any:
 
 
 def outlook_maps(
-    uavs: Any, active: Any, own: Any, vehicles: Any, reach: Any, step: Any, n: int, walls: Any = None
+    uavs: Any, active: Any, own: Any, vehicles: Any, reach: Any, step: Any, n: int, walls: Any = None, held: Any = None
 ) -> tuple[Any, Any]:
     """`OUTLOOK_MAPS` of every UAV, as levels, from exact positions.
 
@@ -222,10 +222,13 @@ def outlook_maps(
         own: [seers, V] whether a vehicle is there and is the UAV's, of all UAVs or of the first few.
         reach, step: range, and length of a UAV's move [zone sides], arrays of one number.
         walls: as in `obstacle_maps`; None on open ground.
+        held: [N, N] length at which the guard holds each link [zone sides]; None for the range.
     Returns: [N, n, n] and [seers, n, n].
     """
     xp = uavs.__array_namespace__()
-    safe = xp.permute_dims(xp.astype(safe_moves(uavs, active, reach, step), xp.float32), (1, 0))
+    safe = xp.permute_dims(
+        xp.astype(safe_moves(uavs, active, reach if held is None else held, step), xp.float32), (1, 0)
+    )
     heads_to = np.full(n * n, ACTIONS)
     heads_to[cell_of_move(n)] = np.arange(ACTIONS)
     none = xp.zeros((safe.shape[0], 1), dtype=xp.float32)

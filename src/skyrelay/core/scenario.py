@@ -154,6 +154,7 @@ class Coordination(_Section):
     step_seconds: Positive = Field(2.0, description="[s]")
     period_steps: Annotated[int, Field(ge=1)] = Field(20, description="moves between two selections")
     policy: str = Field("auto", min_length=1, description="auto: the shipped policies; or the path of an ONNX file")
+    patience: Positive = Field(10.0, description="a team mate or vehicle whose last beacon is older counts as gone [s]")
 
 
 class Energy(_Section):

@@ -50,6 +50,7 @@ def observe(
     charger: tuple[float, float, float] | None = None,
     flight: float | None = None,
     step: float | None = None,
+    margins: Floats | None = None,
 ) -> Maps:
     """The maps of one UAV, from what it knows: itself, its team, its own vehicles, the city and its battery.
 
@@ -65,6 +66,8 @@ def observe(
         charger: x, y and radius of the charging point [m]; None where there is none.
         flight: how far its charge carries it [m]; None where charge does not count.
         step: length of its move [m]; None for a policy that does not look ahead.
+        margins: [M] by how much the guard holds the link to each of its team shorter than the range, for what is not
+            known of where it is now [m]; None for nothing.
     Returns: [maps, n, n], normalised. Positions outside the zone are shown at its border.
     Raises:
         UsageError: ``names`` has the outlook, and there is no ``step``.
@@ -73,8 +76,26 @@ def observe(
     vehicles = np.asarray(vehicles_xy).reshape(-1, 2)
     owner = np.zeros(len(vehicles), dtype=np.int64)
     flights = None if flight is None else np.array([flight])
+    held = None
+    if margins is not None:
+        held = np.full((len(uavs), len(uavs)), reach)
+        held[0, 1:] = held[1:, 0] = np.maximum(reach - margins, 0.0)
     maps: Maps = _maps(
-        uavs, vehicles, owner, zone_corner, zone_side, reach, n, zoom, names, walls, charger, flights, step, seers=1
+        uavs,
+        vehicles,
+        owner,
+        zone_corner,
+        zone_side,
+        reach,
+        n,
+        zoom,
+        names,
+        walls,
+        charger,
+        flights,
+        step,
+        seers=1,
+        held=held,
     )[0]
     return maps
 
@@ -142,8 +163,12 @@ def _maps(
     flight: Floats | None,
     step: float | None,
     seers: int,
+    held: Floats | None = None,
 ) -> Maps:
-    """[seers, maps, n, n] maps of the first ``seers`` UAVs, to whom all vehicles belong."""
+    """[seers, maps, n, n] maps of the first ``seers`` UAVs, to whom all vehicles belong.
+
+    ``held`` [N, N] is the length at which the guard holds each link [m]; None for the range.
+    """
     cells = n * zoom
     corner = np.asarray(zone_corner, dtype=np.float64)
     there = (np.asarray(owner) >= 0) & np.isfinite(vehicles_xy).all(axis=-1)
@@ -198,7 +223,8 @@ def _maps(
             raise UsageError("step", step, "the length of a UAV's move [m]: this policy looks ahead")
         has += OUTLOOK_MAPS
         lengths = np.asarray(reach / zone_side), np.asarray(step / zone_side)
-        moves, cover = outlook_maps(uavs, np.ones(len(uavs), bool), own, anywhere, *lengths, n, zone_walls)
+        links = None if held is None else held / zone_side
+        moves, cover = outlook_maps(uavs, np.ones(len(uavs), bool), own, anywhere, *lengths, n, zone_walls, links)
         more += (moves[:seers], cover)
     if more:
         levels = np.concatenate([levels, np.stack(more, axis=1).astype(np.float32)], axis=1)

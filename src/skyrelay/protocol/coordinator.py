@@ -1,13 +1,27 @@
-"""The zone coordinator: calls allocateZone() every period, asks for the policy, and closes the period."""
+"""The zone coordinator: has proposals decided every period, asks for the policy, and closes the period."""
 
 from __future__ import annotations
 
-from skyrelay.chain.chain import Call
-from skyrelay.chain.client import IovClient
+from collections.abc import Sequence
+from typing import ClassVar
+
+from skyrelay.chain.abi import Event
+from skyrelay.protocol.agent import Agent
+from skyrelay.protocol.messages import (
+    AllocateZone,
+    Command,
+    DetermineModel,
+    Message,
+    Mined,
+    Phase,
+    Refused,
+    ResetZone,
+    Tick,
+)
 from skyrelay.protocol.sequence import ZONE, Machine, ZoneMessage, ZoneState
 
 
-class ZoneCoordinator:
+class ZoneCoordinator(Agent):
     """The coordinator of one zone.
 
     Args:
@@ -16,29 +30,71 @@ class ZoneCoordinator:
         proposals_per_call: largest piece of an allocation in one transaction [proposals].
     """
 
+    HEARS: ClassVar[frozenset[str]] = frozenset(
+        {"VehSelectionSubmitted", "UAVAllocated", "ZoneAllocated", "UAVZoneUpdated", "ModelAssigned", "ZoneListsReset"}
+    )
+
     def __init__(self, zone: int, address: str, proposals_per_call: int) -> None:
-        self.zone, self.address = zone, address
+        super().__init__(f"coordinator of zone {zone}", address)
+        self.zone = zone
         self.machine = Machine(f"zone {zone}", ZONE, ZoneState.COLLECTING)
         self._piece = proposals_per_call
+        self._undecided = False
+        self._team: set[str] = set()
 
-    def allocate(self, client: IovClient) -> Call:
-        """allocateZone(): the next piece of Algorithm 2; call again until `allocated`."""
-        return client.allocate_zone(self.address, self.zone, self._piece)
+    @property
+    def state(self) -> ZoneState:
+        """Where the zone stands in the sequence."""
+        return self.machine.state
 
-    def allocated(self) -> None:
-        """The chain has decided every proposal of the round."""
-        self.machine.advance(ZoneMessage.ALLOCATE)
+    def receive(self, message: Message) -> Sequence[Command]:
+        """Take a message; see `Agent.receive`."""
+        match message:
+            case Tick():
+                return self._at(message)
+            case Event():
+                self._hear(message)
+            case Mined(AllocateZone()):
+                self._answered(message)
+                return self._allocate()
+            case Mined() | Refused():
+                self._answered(message)
+        return ()
 
-    def open_round(self) -> None:
-        """Rejected vehicles may propose again."""
-        self.machine.advance(ZoneMessage.OPEN_ROUND)
+    def _at(self, tick: Tick) -> Sequence[Command]:
+        match tick.phase:
+            case Phase.CLOSE if self.state is not ZoneState.COLLECTING:
+                return self._call(ResetZone(self.zone))
+            case Phase.ALLOCATE:
+                return self._allocate()
+            case Phase.DETERMINE if self.state is ZoneState.ALLOCATED and self._team:
+                return self._call(DetermineModel(self.zone))
+        return ()
 
-    def determine_model(self, client: IovClient) -> Call:
-        """determineMDRLModel(): assign the zone's team a policy."""
-        self.machine.advance(ZoneMessage.DETERMINE_MODEL)
-        return client.determine_mdrl_model(self.address, self.zone)
+    def _allocate(self) -> Sequence[Command]:
+        """The next piece of Algorithm 2, until every proposal is decided."""
+        return self._call(AllocateZone(self.zone, self._piece)) if self._undecided else ()
 
-    def reset(self, client: IovClient) -> Call:
-        """resetListsForZone(): close the period."""
-        self.machine.advance(ZoneMessage.RESET)
-        return client.reset_lists_for_zone(self.address, self.zone)
+    def _hear(self, event: Event) -> None:
+        args = event.args
+        match event.name:
+            case "UAVZoneUpdated" if args["from"] == self.zone:
+                self._team.discard(args["uav"])
+            case _ if args.get("zone") != self.zone:
+                return
+            case "VehSelectionSubmitted":
+                if self.state is ZoneState.ALLOCATED and not self._undecided:
+                    self.machine.advance(ZoneMessage.OPEN_ROUND)
+                self._undecided = True
+            case "UAVAllocated":
+                (self._team.add if args["selected"] else self._team.discard)(args["uav"])
+            case "ZoneAllocated":
+                self.machine.advance(ZoneMessage.ALLOCATE)
+                self._undecided = False
+            case "ModelAssigned":
+                self.machine.advance(ZoneMessage.DETERMINE_MODEL)
+            case "ZoneListsReset":
+                if self.machine.allows(ZoneMessage.RESET):
+                    self.machine.advance(ZoneMessage.RESET)
+                self._undecided = False
+                self._team.clear()

@@ -1,7 +1,8 @@
 """The process sequence (Section "Process Sequence Diagram") as tables of states and messages.
 
-No input or output happens here: the agents do theirs around these tables, on one machine or on several hosts. A message
-that the table does not allow raises, so no transition can escape it; the diagrams of the docs are drawn from it.
+An agent steps by what the contract's events say, never by what it has merely asked for, so that one that is started
+again stands where it stood once it has read them. A message that the table does not allow raises, so no transition can
+escape it; the diagrams of the docs are drawn from it.
 """
 
 from __future__ import annotations
@@ -140,6 +141,10 @@ class Machine(Generic[StateT, MessageT]):
         self.name = name
         self.state = start
         self._table = table
+
+    def allows(self, message: MessageT) -> bool:
+        """Whether the table has such a step from the present state."""
+        return (self.state, message) in self._table
 
     def advance(self, message: MessageT) -> None:
         """Follow one message.

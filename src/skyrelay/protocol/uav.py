@@ -1,87 +1,225 @@
-"""The UAV's agent: registers, keeps its record true, fetches its zone's policy by CID, checks and loads it."""
+"""The UAV's agent: registers, keeps its record true, gets its zone's policy by CID, and decides alone how it flies."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import ClassVar
 
-from skyrelay.chain.chain import Call
-from skyrelay.chain.client import IovClient, UavRecord
+from skyrelay.chain.abi import Event
+from skyrelay.chain.client import UavRecord
+from skyrelay.core.law import Law
 from skyrelay.policy import Policy
+from skyrelay.protocol.agent import Agent
+from skyrelay.protocol.messages import (
+    Beacon,
+    Command,
+    Decide,
+    Decided,
+    FetchModel,
+    Fix,
+    LeaveZone,
+    Message,
+    Mined,
+    ModelFetched,
+    ModelRead,
+    Move,
+    Phase,
+    ReadModel,
+    Refused,
+    RegisterUav,
+    SendBeacon,
+    Tick,
+    UpdateUav,
+)
 from skyrelay.protocol.sequence import UAV, Machine, UavMessage, UavState
+from skyrelay.protocol.sight import Sight
 from skyrelay.store.cid import Cid
-from skyrelay.store.model_store import ModelStore
 
 
-class UavAgent:
+class UavAgent(Agent):
     """One UAV.
 
     Args:
         name: its id.
         address: its account on the chain.
+        zone: that it is stationed in.
         altitude: [m].
         bandwidth: that it offers in a period [kbit/s].
-        store: where policies come from; whatever it answers is hashed again.
+        law: of the area that it flies in.
         load: from a policy file's bytes to a policy that has been checked to fit.
     """
+
+    HEARS: ClassVar[frozenset[str]] = frozenset({"UAVAllocated", "UAVZoneUpdated", "ModelAssigned", "ZoneListsReset"})
 
     def __init__(
         self,
         name: str,
         address: str,
+        zone: int,
         altitude: float,
-        bandwidth: float,
-        store: ModelStore,
+        bandwidth: int,
+        law: Law,
         load: Callable[[bytes], Policy],
     ) -> None:
-        self.name, self.address = name, address
+        super().__init__(name, address)
         self.machine = Machine(f"UAV {name}", UAV, UavState.NEW)
         self.policy: Policy | None = None
-        self._altitude, self._bandwidth = altitude, bandwidth
-        self._store, self._load = store, load
+        self._station, self._altitude, self._bandwidth = zone, altitude, bandwidth
+        self._law, self._load = law, load
+        self._zone = 0
+        self._fix = Fix(None)
+        self._model: str | None = None  # that the contract has assigned to its zone in this period
         self._loaded: Cid | None = None
+        self._vehicles: Sequence[str] = ()
+        self._team: set[str] = set()
+        self._beacons: dict[str, Beacon] = {}
 
     @property
     def state(self) -> UavState:
         """Where it stands in the sequence."""
         return self.machine.state
 
-    def register(self, client: IovClient, x: float, y: float, battery: float, zone: int) -> Call:
-        """registerUAV() at a position [m] with a battery [0-100]."""
-        self.machine.advance(UavMessage.REGISTER)
-        return client.register_uav(self.address, self._record(x, y, battery, zone))
+    @property
+    def tuned_in(self) -> int:
+        """Its zone, while it flies there."""
+        return self._zone
 
-    def update(self, client: IovClient, x: float, y: float, battery: float) -> Call:
-        """updateUAVInfo() with the position [m] and the battery [0-100]."""
-        self.machine.advance(UavMessage.UPDATE)
-        return client.update_uav_info(self.address, self._record(x, y, battery))
+    def receive(self, message: Message) -> Sequence[Command]:
+        """Take a message; see `Agent.receive`.
 
-    def _record(self, x: float, y: float, battery: float, zone: int = 0) -> UavRecord:
-        return UavRecord(x, y, self._altitude, battery, self._bandwidth, zone)
+        Raises:
+            ModelError: a policy's card does not fit a UAV.
+        """
+        match message:
+            case Fix():
+                self._fix = message
+            case Tick():
+                return self._at(message)
+            case Beacon():
+                self._note_beacon(message)
+            case Decided(action):
+                return (Move(action),)
+            case Event():
+                return self._hear(message)
+            case ModelRead(model, cid) if model == self._model:
+                return self._equip(cid)
+            case ModelFetched(cid, content):
+                self.policy, self._loaded = self._load(content), cid
+                return self._equip(cid)
+            case Mined() | Refused():
+                self._answered(message)
+        return ()
 
-    def learn(self, vehicles: int) -> None:
-        """How many vehicles allocateZone() has selected for it so far in this period."""
+    # The clock
+
+    def _at(self, tick: Tick) -> Sequence[Command]:
+        match tick.phase:
+            case Phase.JOIN if self.state is UavState.NEW:
+                return self._call(RegisterUav(self._record(self._station)))
+            case Phase.CLOSE if self.state not in {UavState.SELECTED, UavState.FLYING}:
+                self._end_period()
+            case Phase.LAND if self._fix.battery <= self._law.energy.reserve and self.machine.allows(UavMessage.RETIRE):
+                return self._call(LeaveZone())
+            case Phase.REPORT if self.state is UavState.AVAILABLE:
+                return self._call(UpdateUav(self._record()))
+            case Phase.BEACON if self._zone:
+                return (SendBeacon(Beacon(self.address, self._zone, None, self._fix.position, tick.time)),)
+            case Phase.DECIDE if self.state is UavState.FLYING and self.policy is not None:
+                return (Decide(self.policy, self._sight(tick.time)),)
+            case Phase.DECIDE if self.state is UavState.SELECTED and self._model is not None:
+                return (ReadModel(self._model),)  # the answer was lost with the agent that asked before
+        return ()
+
+    def _record(self, zone: int = 0) -> UavRecord:
+        x, y = self._place()
+        return UavRecord(x, y, self._altitude, self._fix.battery, self._bandwidth, zone)
+
+    def _place(self) -> tuple[float, float]:
+        if self._fix.position is None:
+            raise RuntimeError("a UAV has a fix before it tells where it is")
+        return self._fix.position
+
+    # The chain
+
+    def _hear(self, event: Event) -> Sequence[Command]:
+        args = event.args
+        match event.name:
+            case "UAVRegistered":
+                self.machine.advance(UavMessage.REGISTER)
+            case "UAVUpdated":
+                self.machine.advance(UavMessage.UPDATE)
+            case "UAVZoneUpdated" if args["uav"] == self.address:
+                self._zone = args["to"]
+                if not self._zone:
+                    self.machine.advance(UavMessage.RETIRE)
+            case "UAVZoneUpdated" if args["from"] == self._zone:
+                self._team.discard(args["uav"])
+            case "UAVAllocated" if args["uav"] == self.address:
+                self._learn(args["selected"])
+            case "UAVAllocated" if args["zone"] == self._zone:
+                (self._team.add if args["selected"] else self._team.discard)(args["uav"])
+            case "ModelAssigned" if args["zone"] == self._zone and self.state is UavState.SELECTED:
+                self._model = args["modelId"]
+                return (ReadModel(self._model),)
+            case "ZoneListsReset" if args["zone"] == self._zone:
+                self._end_period()
+        return ()
+
+    def _learn(self, vehicles: Sequence[str]) -> None:
+        """Whom allocateZone() has selected for it so far in this period."""
+        self._vehicles = vehicles
         if vehicles:
             self.machine.advance(UavMessage.SELECTED)
         elif self.state is UavState.SELECTED:
             self.machine.advance(UavMessage.UNSELECTED)
 
-    def equip(self, cid: Cid) -> Policy:
-        """Fetch the policy that the contract names, check its hash and card, and load it.
+    def _end_period(self) -> None:
+        """resetListsForZone() has closed its zone's period, or it is over and there was nothing to close."""
+        if self.machine.allows(UavMessage.RESET):
+            self.machine.advance(UavMessage.RESET)
+        self._model, self._vehicles = None, ()
+        self._team.clear()
 
-        Raises:
-            StoreError: the store does not have it, or answered with something else.
-            ModelError: its card does not fit a UAV.
-        """
+    # The policy
+
+    def _equip(self, cid: Cid) -> Sequence[Command]:
+        """Fetch the policy that the contract names unless it is on board."""
         if self.policy is None or cid != self._loaded:
-            self.policy, self._loaded = self._load(self._store.get(cid)), cid
-        self.machine.advance(UavMessage.MODEL_VERIFIED)
-        return self.policy
+            return (FetchModel(cid),)
+        if self.state is UavState.SELECTED:
+            self.machine.advance(UavMessage.MODEL_VERIFIED)
+        return ()
 
-    def retire(self, client: IovClient) -> Call:
-        """updateUAVZone(0): the battery is spent, the UAV leaves and frees its vehicles."""
-        self.machine.advance(UavMessage.RETIRE)
-        return client.update_uav_zone(self.address, zone=0)
+    # The flight
 
-    def end_period(self) -> None:
-        """resetListsForZone() has closed its zone's period."""
-        self.machine.advance(UavMessage.RESET)
+    def _note_beacon(self, beacon: Beacon) -> None:
+        last = self._beacons.get(beacon.sender)
+        if last is None or beacon.time >= last.time:
+            self._beacons[beacon.sender] = beacon
+
+    def _sight(self, now: float) -> Sight:
+        """What it knows now: of its mates and vehicles what they last said, if that is not too long ago.
+
+        A mate may have flown on since: by so much its link is held shorter than the range.
+        """
+        team = [
+            (beacon.position, self._law.speed * max(now - beacon.time, 0.0))
+            for beacon in self._last_of(self._team, now)
+            if beacon.position is not None
+        ]
+        return Sight(
+            law=self._law,
+            zone=self._zone,
+            own=self._place(),
+            team=tuple(position for position, _ in team),
+            margins=tuple(margin for _, margin in team),
+            vehicles=tuple(
+                beacon.position for beacon in self._last_of(self._vehicles, now) if beacon.position is not None
+            ),
+            battery=self._fix.battery,
+        )
+
+    def _last_of(self, members: Sequence[str] | set[str], now: float) -> list[Beacon]:
+        """The last beacons of members that still count."""
+        beacons = (self._beacons[member] for member in members if member in self._beacons)
+        return [beacon for beacon in beacons if now - beacon.time <= self._law.patience]

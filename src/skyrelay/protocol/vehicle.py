@@ -1,21 +1,42 @@
-"""The vehicle's agent: registers, keeps its record true, runs Algorithm 1 and submits its proposal."""
+"""The vehicle's agent: registers, keeps its record true, runs Algorithm 1, proposes, and tells its UAV where it is."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
-from skyrelay.chain.chain import Call
-from skyrelay.chain.client import IovClient, VehicleRecord
+from skyrelay.chain.abi import Event
+from skyrelay.chain.client import DECIMETRES, VehicleRecord
 from skyrelay.core.entities import FloatArray, VehicleTable
 from skyrelay.core.scenario import Selection as Settings
+from skyrelay.core.zones import ZoneGrid
+from skyrelay.protocol.agent import Agent
+from skyrelay.protocol.messages import (
+    Beacon,
+    Command,
+    Fix,
+    Message,
+    Mined,
+    Phase,
+    Propose,
+    ReadZone,
+    Refused,
+    RegisterVehicle,
+    SendBeacon,
+    Tick,
+    UpdateVehicle,
+    ZoneRead,
+)
 from skyrelay.protocol.sequence import VEHICLE, Machine, VehicleMessage, VehicleState
 from skyrelay.protocol.zone_view import ZoneView
 from skyrelay.selection.proposal import propose
 from skyrelay.selection.quality import are_candidates, pair_qou
 
-_OPEN = frozenset({VehicleState.PROPOSED, VehicleState.SERVED, VehicleState.UNSERVED})
+_BOUND = frozenset({VehicleState.PROPOSED, VehicleState.SERVED})
+"""The chain holds something of the vehicle, which only the chain ends."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +54,7 @@ class Choice:
     weighed: dict[str, float]
 
 
-class VehicleAgent:
+class VehicleAgent(Agent):
     """One connected vehicle.
 
     Args:
@@ -41,43 +62,135 @@ class VehicleAgent:
         address: its account on the chain.
         demand: [kbit/s].
         payment: [cents per Mbit/s].
+        grid: of the zones.
         settings: of the selection (weights, maxima, candidates).
     """
 
-    def __init__(self, name: str, address: str, demand: int, payment: int, settings: Settings) -> None:
-        self.name, self.address = name, address
-        self.demand, self.payment = demand, payment
+    HEARS: ClassVar[frozenset[str]] = frozenset({"UAVAllocated", "ZoneListsReset"})
+
+    def __init__(self, name: str, address: str, demand: int, payment: int, grid: ZoneGrid, settings: Settings) -> None:
+        super().__init__(name, address)
         self.machine = Machine(f"vehicle {name}", VEHICLE, VehicleState.NEW)
         self.uav: str | None = None
         """Address of the UAV that serves it, or that it has proposed to."""
-        self._settings = settings
+        self.choice: Choice | None = None
+        """What Algorithm 1 gave last in this period; for the record."""
+        self._demand, self._payment = demand, payment
+        self._grid, self._settings = grid, settings
+        self._fix = Fix(None)
         self._refused_by: set[str] = set()
         self._served_by: str | None = None
         self._table: VehicleTable | None = None
+        self._zone = 0
 
     @property
     def state(self) -> VehicleState:
         """Where it stands in the sequence."""
         return self.machine.state
 
-    def report(self, client: IovClient, x: float, y: float, zone: int) -> Call:
-        """Tell the contract where it is [m, to 0.1 m]: registerVehicle() the first time, then updateVehicleInfo()."""
-        first = self.state is VehicleState.NEW
-        self.machine.advance(VehicleMessage.REGISTER if first else VehicleMessage.UPDATE)
+    def receive(self, message: Message) -> Sequence[Command]:
+        """Take a message; see `Agent.receive`."""
+        match message:
+            case Fix():
+                self._fix = message
+            case Tick():
+                return self._at(message)
+            case Event():
+                self._hear(message)
+            case ZoneRead(view):
+                return () if view is None else self._choose(view)
+            case Mined() | Refused():
+                self._answered(message)
+                if isinstance(message, Refused) and self.state is VehicleState.CHOOSING:
+                    self.machine.advance(VehicleMessage.ABSTAIN)
+        return ()
+
+    # The clock
+
+    def _at(self, tick: Tick) -> Sequence[Command]:
+        match tick.phase:
+            case Phase.CLOSE if self.state not in _BOUND:
+                self._end_period()
+            case Phase.REPORT:
+                return self._report()
+            case Phase.PROPOSE if self.state in {VehicleState.IDLE, VehicleState.UNSERVED} and self._zone:
+                return (ReadZone(self._zone),)
+            case Phase.BEACON if self.state is VehicleState.SERVED:
+                return (SendBeacon(Beacon(self.address, self._zone, self.uav, self._fix.position, tick.time)),)
+        return ()
+
+    def _report(self) -> Sequence[Command]:
+        """Tell the contract where it is, to 0.1 m; or note that it has left the area."""
+        if self._fix.position is None:
+            if self.machine.allows(VehicleMessage.LEAVE):
+                self.machine.advance(VehicleMessage.LEAVE)
+                self.uav = None
+            return ()
+        x, y = self._fix.position
+        zone = int(self._grid.zone_of(_one(x), _one(y))[0])
+        record = VehicleRecord(np.round(x, 1).item(), np.round(y, 1).item(), self._payment, zone)
+        if self.state is VehicleState.NEW:
+            return self._call(RegisterVehicle(record))
+        return self._call(UpdateVehicle(record)) if self.machine.allows(VehicleMessage.UPDATE) else ()
+
+    # The chain
+
+    def _hear(self, event: Event) -> None:
+        args = event.args
+        match event.name:
+            case "VehicleRegistered":
+                self.machine.advance(VehicleMessage.REGISTER)
+                self._note_record(args)
+            case "VehicleUpdated":
+                self.machine.advance(VehicleMessage.UPDATE)
+                self._note_record(args)
+            case "VehSelectionSubmitted":
+                if self.state is not VehicleState.CHOOSING:  # read before this agent was started again
+                    self.machine.advance(VehicleMessage.READ_ZONE)
+                self.machine.advance(VehicleMessage.PROPOSE)
+                self.uav = args["uav"]
+            case "UAVAllocated" if args["uav"] == self.uav and self.state in _BOUND:
+                self._learn(self.address in args["selected"])
+            case "ZoneListsReset" if args["zone"] == self._zone and self.state in _BOUND:
+                self._end_period()
+
+    def _note_record(self, args: Mapping[str, Any]) -> None:
+        """The record that the contract has now is what Algorithm 1 goes by."""
+        self._zone = args["zone"]
         # Algorithm 1 weighs the UAVs alone, so the vehicle's own reputation does not matter here.
         self._table = VehicleTable(
             ids=(self.name,),
-            x=_one(x),
-            y=_one(y),
-            zone=np.array([zone], dtype=np.int64),
-            demand=_one(self.demand),
-            payment=_one(self.payment),
+            x=_one(args["x"] / DECIMETRES),
+            y=_one(args["y"] / DECIMETRES),
+            zone=np.array([self._zone], dtype=np.int64),
+            demand=_one(self._demand),
+            payment=_one(self._payment),
             reputation=_one(0.0),
         )
-        send = client.register_vehicle if first else client.update_vehicle_info
-        return send(self.address, VehicleRecord(x, y, self.payment, zone))
 
-    def choose(self, view: ZoneView) -> Choice:
+    def _learn(self, selected: bool) -> None:
+        """What allocateZone() decided, or that a better proposal has displaced it."""
+        if self.state is VehicleState.SERVED:
+            if selected:
+                return
+            self.machine.advance(VehicleMessage.DISPLACED)
+        else:
+            self.machine.advance(VehicleMessage.ACCEPTED if selected else VehicleMessage.REJECTED)
+        if not selected and self.uav is not None:
+            self._refused_by.add(self.uav)
+            self.uav = None
+
+    def _end_period(self) -> None:
+        """resetListsForZone() has closed its zone's period, or it is over and there was nothing to close."""
+        self._served_by = self.uav if self.state is VehicleState.SERVED else None
+        if self.machine.allows(VehicleMessage.RESET):
+            self.machine.advance(VehicleMessage.RESET)
+        self.uav = self.choice = None
+        self._refused_by.clear()
+
+    # Algorithm 1
+
+    def _choose(self, view: ZoneView) -> Sequence[Command]:
         """Algorithm 1 over the zone's UAVs, leaving out those that refused it in this period.
 
         With `selection.hysteresis` the UAV that served it in the last period is asked again unless another is so much
@@ -97,8 +210,10 @@ class VehicleAgent:
         }
         if column < 0:
             self.machine.advance(VehicleMessage.ABSTAIN)
-            return Choice(None, 0.0, weighed)
-        return Choice(view.uavs.ids[column], float(qou[column]), weighed)
+            self.choice = Choice(None, 0.0, weighed)
+            return ()
+        self.choice = Choice(view.uavs.ids[column], float(qou[column]), weighed)
+        return self._call(Propose(view.uavs.ids[column], self._demand, view.round))
 
     def _or_stay(self, column: int, qou: FloatArray, view: ZoneView) -> int:
         """The best UAV's column, or that of the one before."""
@@ -109,38 +224,6 @@ class VehicleAgent:
         before = view.uavs.ids.index(self._served_by)
         stays = qou[before] > 0.0 and qou[before] + self._settings.hysteresis >= qou[column]
         return before if stays else column
-
-    def submit(self, client: IovClient, uav: str, view: ZoneView) -> Call:
-        """submitVehSelection() to the chosen UAV, for the zone's present round."""
-        self.machine.advance(VehicleMessage.PROPOSE)
-        self.uav = uav
-        return client.submit_veh_selection(self.address, uav, self.demand, view.round)
-
-    def learn(self, selected: bool) -> None:
-        """What allocateZone() decided, or that a better proposal has displaced it."""
-        if self.state is VehicleState.SERVED:
-            if selected:
-                return
-            self.machine.advance(VehicleMessage.DISPLACED)
-        else:
-            self.machine.advance(VehicleMessage.ACCEPTED if selected else VehicleMessage.REJECTED)
-        if not selected and self.uav is not None:
-            self._refused_by.add(self.uav)
-            self.uav = None
-
-    def leave(self) -> None:
-        """The vehicle has left the area; what it holds ends with the period."""
-        if self.state in _OPEN or self.state is VehicleState.IDLE:
-            self.machine.advance(VehicleMessage.LEAVE)
-        self.uav = None
-
-    def end_period(self) -> None:
-        """resetListsForZone() has closed its zone's period."""
-        self._served_by = self.uav if self.state is VehicleState.SERVED else None
-        if self.state is not VehicleState.NEW:
-            self.machine.advance(VehicleMessage.RESET)
-        self.uav = None
-        self._refused_by.clear()
 
 
 def _one(value: float) -> FloatArray:

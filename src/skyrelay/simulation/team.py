@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from skyrelay.core.entities import FloatArray, IntArray, UavTable, VehicleTable
-from skyrelay.core.scenario import Scenario
-from skyrelay.core.zones import ZoneGrid
+from skyrelay.core.law import Law
+from skyrelay.core.scenario import Selection
 from skyrelay.mobility import Tracks
-from skyrelay.policy import Policy
 from skyrelay.selection import select
 from skyrelay.simulation.flight import NOBODY, Flight, Measure
 from skyrelay.simulation.world import Fleet, Members
@@ -19,18 +16,18 @@ from skyrelay.simulation.world import Fleet, Members
 class Team:
     """A fleet, the selection it flies (or hovers) over, and its sums over the run."""
 
-    def __init__(self, scenario: Scenario, fleet: Fleet, grid: ZoneGrid, demand: IntArray) -> None:
+    def __init__(self, law: Law, settings: Selection, fleet: Fleet, demand: IntArray) -> None:
         self.fleet = fleet
-        self._grid, self._settings = grid, scenario.selection
-        self.flight = Flight(scenario, fleet, grid, demand)
+        self._grid, self._settings = law.grid, settings
+        self.flight = Flight(law, fleet, demand)
         self.served: list[int] = []
         self.ever_served: set[int] = set()
         self._zone_of_owner = np.zeros(len(demand), dtype=np.int64)
         self._areas: list[Measure] = []
 
-    def assign(self, owner: IntArray, policies: Mapping[int, Policy]) -> None:
+    def assign(self, owner: IntArray) -> None:
         """Begin a period."""
-        self.flight.assign(owner, policies)
+        self.flight.assign(owner)
         self._zone_of_owner = np.where(owner != NOBODY, self.fleet.zone[owner], 0)
         self.served.append(int((owner != NOBODY).sum()))
         self.ever_served |= set(np.flatnonzero(owner != NOBODY).tolist())

@@ -9,7 +9,9 @@ import numpy.typing as npt
 from scipy.cluster.vq import kmeans2
 
 from skyrelay.core.entities import FloatArray, IntArray
-from skyrelay.core.scenario import Energy, Scenario
+from skyrelay.core.law import Law
+from skyrelay.core.scenario import Demand
+from skyrelay.core.scenario import Fleet as FleetConfig
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.mobility import Tracks
 
@@ -54,40 +56,24 @@ class Fleet:
         """The same UAVs, independent of these."""
         return replace(self, x=self.x.copy(), y=self.y.copy(), zone=self.zone.copy(), battery=self.battery.copy())
 
-    def drain(self, config: Energy, moved: npt.NDArray[np.bool_], seconds: float, grid: ZoneGrid) -> None:
+    def drain(self, law: Law, moved: npt.NDArray[np.bool_]) -> None:
         """Take from every UAV in the air what a step cost it, or charge it; a UAV that has left has landed."""
+        config = law.energy
         per_minute = np.where(moved, config.move_per_minute, config.hover_per_minute)
-        if config.charge_per_minute > 0:
-            at_point = np.zeros(len(self.ids), dtype=bool)
-            for zone in np.unique(self.zone[self.zone > 0]).tolist():
-                x, y = charging_point(config, grid, zone)
-                near = np.hypot(self.x - x, self.y - y) <= config.charging_radius
+        at_point = np.zeros(len(self.ids), dtype=bool)
+        for zone in np.unique(self.zone[self.zone > 0]).tolist():
+            if (charger := law.charger(zone)) is not None:
+                x, y, radius = charger
+                near = np.hypot(self.x - x, self.y - y) <= radius
                 at_point |= (self.zone == zone) & near
-            per_minute = np.where(at_point & ~moved, -config.charge_per_minute, per_minute)
-        spent = np.where(self.zone > 0, per_minute * seconds / 60.0, 0.0)
+        per_minute = np.where(at_point & ~moved, -config.charge_per_minute, per_minute)
+        spent = np.where(self.zone > 0, per_minute * law.seconds / 60.0, 0.0)
         self.battery = (self.battery - spent).clip(0.0, 100.0)
 
 
-def charging_point(config: Energy, grid: ZoneGrid, zone: int) -> tuple[float, float]:
-    """Where a zone's charging point is [m]."""
-    x, y = grid.corner(zone)
-    return x + config.charging_point[0] * grid.side, y + config.charging_point[1] * grid.side
-
-
-def walls_of(scenario: Scenario) -> FloatArray | None:
-    """[W, 5] of the buildings [m], heights over the UAVs' altitude (`skyrelay.core.flight.in_sight`); None for none."""
-    walls = [
-        (*start, *end, building.height / scenario.fleet.altitude)
-        for building in scenario.obstacles.buildings
-        for start, end in zip(building.polygon, building.polygon[1:] + building.polygon[:1], strict=True)
-    ]
-    return np.array(walls, dtype=np.float64) if walls else None
-
-
-def draw_members(scenario: Scenario, count: int) -> Members:
-    """Attributes of ``count`` vehicles, uniform as in Table "Simulation Setup", by the scenario's seed."""
-    random = np.random.default_rng([scenario.seed, 2])
-    config = scenario.demand
+def draw_members(config: Demand, seed: int, count: int) -> Members:
+    """Attributes of ``count`` vehicles, uniform as in Table "Simulation Setup"."""
+    random = np.random.default_rng([seed, 2])
     return Members(
         demand=_uniform(random, config.bandwidth, 1000, count).clip(min=1),
         payment=_uniform(random, config.payment, 1, count),
@@ -95,14 +81,13 @@ def draw_members(scenario: Scenario, count: int) -> Members:
     )
 
 
-def deploy_fleet(scenario: Scenario, tracks: Tracks, grid: ZoneGrid) -> Fleet:
+def deploy_fleet(config: FleetConfig, seed: int, tracks: Tracks, grid: ZoneGrid) -> Fleet:
     """A fleet over the first step's traffic: each zone has its share of the UAVs, at the centres of its clusters.
 
     The paper leaves the first positions open ("each UAV hovers at the same location prior to the selection"); clusters
     of the traffic are what an operator would choose without knowing who will select whom (docs/assumptions.md).
     """
-    random = np.random.default_rng([scenario.seed, 3])
-    config = scenario.fleet
+    random = np.random.default_rng([seed, 3])
     x, y = tracks.x[0], tracks.y[0]
     there = np.isfinite(x)
     points = np.column_stack([x[there], y[there]])

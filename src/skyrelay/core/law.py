@@ -1,0 +1,83 @@
+"""What holds for every UAV of an area: where the zones are, how far links and moves reach, what flying costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skyrelay.core.entities import FloatArray
+from skyrelay.core.resolved import ResolvedScenario
+from skyrelay.core.scenario import Energy
+from skyrelay.core.zones import ZoneGrid
+
+
+@dataclass(frozen=True)
+class Law:
+    """One area's.
+
+    Attributes:
+        grid: of its zones.
+        reach: range of the UAV-vehicle and the UAV-UAV link [m].
+        speed: of a UAV [m/s].
+        seconds: a step takes [s].
+        energy: what flying costs.
+        walls: [W, 5] of the buildings [m], heights over the UAVs' altitude (`skyrelay.core.flight.in_sight`); None on
+            open ground.
+        patience: beyond this age a beacon no longer counts [s].
+    """
+
+    grid: ZoneGrid
+    reach: float
+    speed: float
+    seconds: float
+    energy: Energy
+    walls: FloatArray | None
+    patience: float
+
+    @classmethod
+    def of(cls, scenario: ResolvedScenario, grid: ZoneGrid) -> Law:
+        """A scenario's."""
+        fleet, coordination = scenario.fleet, scenario.coordination
+        walls = [
+            (*start, *end, building.height / fleet.altitude)
+            for building in scenario.obstacles.buildings
+            for start, end in zip(building.polygon, building.polygon[1:] + building.polygon[:1], strict=True)
+        ]
+        return cls(
+            grid=grid,
+            reach=fleet.range,
+            speed=fleet.speed,
+            seconds=coordination.step_seconds,
+            energy=scenario.energy,
+            walls=np.array(walls, dtype=np.float64) if walls else None,
+            patience=coordination.patience,
+        )
+
+    @property
+    def stride(self) -> float:
+        """Length of a move [m]."""
+        return self.speed * self.seconds
+
+    def flight(self, battery: float) -> float:
+        """How far a battery [0-100] still carries a UAV [m]: at the reserve it has to leave."""
+        minutes = max(battery - self.energy.reserve, 0.0) / max(self.energy.move_per_minute, 1e-9)
+        return minutes * 60.0 / self.seconds * self.stride
+
+    def charger(self, zone: int) -> tuple[float, float, float] | None:
+        """Where a zone's charging point is and how far it reaches [m]; None where there are none."""
+        if self.energy.charge_per_minute <= 0:
+            return None
+        x, y = self.grid.corner(zone)
+        east, north = self.energy.charging_point
+        return x + east * self.grid.side, y + north * self.grid.side, self.energy.charging_radius
+
+    def walls_near(self, zone: int) -> FloatArray | None:
+        """The walls that can stand between two points of a zone: those whose box meets it."""
+        if self.walls is None:
+            return None
+        corner = np.array(self.grid.corner(zone))
+        ends = self.walls[:, :4].reshape(-1, 2, 2)
+        near = (ends.max(axis=1) >= corner) & (ends.min(axis=1) <= corner + self.grid.side)
+        walls: FloatArray = self.walls[near.all(axis=1)]
+        return walls

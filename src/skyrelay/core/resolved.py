@@ -1,0 +1,37 @@
+"""A scenario in its area: what depends on the area is a number here, so that nobody has to ask whether it is."""
+
+from __future__ import annotations
+
+import math
+
+from pydantic import Field
+
+from skyrelay.core.scenario import Fleet, Positive, Scenario
+from skyrelay.core.zones import ZoneGrid
+
+
+class ResolvedFleet(Fleet):
+    """A fleet whose range is known."""
+
+    range: Positive = Field(description="of the UAV-vehicle and the UAV-UAV link [m]")
+
+
+class ResolvedScenario(Scenario):
+    """A scenario whose range is a number, and whose distance gate is no further than it."""
+
+    fleet: ResolvedFleet
+
+
+def resolve(scenario: Scenario, grid: ZoneGrid) -> ResolvedScenario:
+    """The scenario over a grid: the range where it has none, and the distance gate no further than it."""
+    reach = scenario.fleet.range if scenario.fleet.range is not None else grid.side / 2
+    # Down to the contract's 0.1 m, so that what a vehicle takes for a candidate the contract does too.
+    gate = math.floor(min(scenario.selection.max_distance, reach) * 10) / 10
+    sections = {name: getattr(scenario, name) for name in Scenario.model_fields}
+    return ResolvedScenario(
+        **sections
+        | {
+            "fleet": ResolvedFleet(**dict(scenario.fleet) | {"range": reach}),
+            "selection": scenario.selection.model_copy(update={"max_distance": gate}),
+        }
+    )

@@ -1,0 +1,261 @@
+"""What an agent is told, and what it wants done: all that passes between an agent and the world.
+
+An agent does nothing itself. Whoever hosts it hands it messages and carries out the commands that it answers with, in
+one process or on several hosts (`skyrelay.protocol.host`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TypeAlias
+
+from skyrelay.chain.abi import ContractError, Event
+from skyrelay.chain.client import UavRecord, VehicleRecord
+from skyrelay.policy import Policy
+from skyrelay.protocol.sight import Sight
+from skyrelay.protocol.zone_view import ZoneView
+from skyrelay.store.cid import Cid
+
+
+class Phase(Enum):
+    """What it is time for; in a period in this order, the last three once for each of its steps."""
+
+    JOIN = "UAVs that are not registered do so"
+    CLOSE = "the coordinators end the period before"
+    REPORT = "everyone tells the contract where it is"
+    PROPOSE = "vehicles without a UAV propose; once a round"
+    ALLOCATE = "the coordinators have the proposals decided; once a round"
+    DETERMINE = "the coordinators ask for each team's policy"
+    BEACON = "everyone tells those around where it is"
+    DECIDE = "UAVs choose their moves"
+    LAND = "UAVs whose battery is spent leave"
+
+
+# Messages
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """The clock.
+
+    Attributes:
+        phase: what it is time for.
+        period, round, step: counted from 0, from 1, from 0.
+        time: since the run's start [s].
+    """
+
+    phase: Phase
+    period: int = 0
+    round: int = 1
+    step: int = 0
+    time: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """What the member's own receiver says.
+
+    Attributes:
+        position: [m]; None outside the area.
+        battery: of a UAV [0-100].
+    """
+
+    position: tuple[float, float] | None
+    battery: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Beacon:
+    """Where a member is, as it tells those around.
+
+    Attributes:
+        sender: its address.
+        zone: a UAV's, and that of a vehicle's UAV.
+        to: the UAV that a vehicle tells; None for a UAV, which tells its zone.
+        position: [m]; None from a vehicle that has left the area.
+        time: when it was there [s].
+    """
+
+    sender: str
+    zone: int
+    to: str | None
+    position: tuple[float, float] | None
+    time: float
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneRead:
+    """Answers `ReadZone`; None of a zone that no UAV ever entered."""
+
+    view: ZoneView | None
+
+
+@dataclass(frozen=True, slots=True)
+class ModelRead:
+    """Answers `ReadModel`: the address of the model's bytes."""
+
+    model: str
+    cid: Cid
+
+
+@dataclass(frozen=True, slots=True)
+class ModelFetched:
+    """Answers `FetchModel`: the model's bytes, which the store has hashed again."""
+
+    cid: Cid
+    content: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Decided:
+    """Answers `Decide`: the action that the policy values most, 0 to 8."""
+
+    action: int
+
+
+@dataclass(frozen=True, slots=True)
+class Mined:
+    """A call of the agent is in a block; its events came before."""
+
+    call: ChainCall
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """The contract refused a call of the agent."""
+
+    call: ChainCall
+    error: ContractError
+
+
+Message: TypeAlias = Tick | Fix | Event | Beacon | ZoneRead | ModelRead | ModelFetched | Decided | Mined | Refused
+
+
+# Commands: calls of the contract
+
+
+@dataclass(frozen=True, slots=True)
+class RegisterVehicle:
+    """registerVehicle()."""
+
+    record: VehicleRecord
+
+
+@dataclass(frozen=True, slots=True)
+class UpdateVehicle:
+    """updateVehicleInfo()."""
+
+    record: VehicleRecord
+
+
+@dataclass(frozen=True, slots=True)
+class Propose:
+    """submitVehSelection() to a UAV, for a demand [kbit/s] in a round of its zone."""
+
+    uav: str
+    demand: int
+    round: int
+
+
+@dataclass(frozen=True, slots=True)
+class RegisterUav:
+    """registerUAV()."""
+
+    record: UavRecord
+
+
+@dataclass(frozen=True, slots=True)
+class UpdateUav:
+    """updateUAVInfo()."""
+
+    record: UavRecord
+
+
+@dataclass(frozen=True, slots=True)
+class LeaveZone:
+    """updateUAVZone(0)."""
+
+
+@dataclass(frozen=True, slots=True)
+class AllocateZone:
+    """allocateZone(): the next piece of Algorithm 2, of about so many proposals."""
+
+    zone: int
+    proposals: int
+
+
+@dataclass(frozen=True, slots=True)
+class DetermineModel:
+    """determineMDRLModel()."""
+
+    zone: int
+
+
+@dataclass(frozen=True, slots=True)
+class ResetZone:
+    """resetListsForZone()."""
+
+    zone: int
+
+
+ChainCall: TypeAlias = (
+    RegisterVehicle
+    | UpdateVehicle
+    | Propose
+    | RegisterUav
+    | UpdateUav
+    | LeaveZone
+    | AllocateZone
+    | DetermineModel
+    | ResetZone
+)
+
+
+# Commands: the rest
+
+
+@dataclass(frozen=True, slots=True)
+class ReadZone:
+    """getZoneUAV() and getUAVInfo() of a zone."""
+
+    zone: int
+
+
+@dataclass(frozen=True, slots=True)
+class ReadModel:
+    """getModel()."""
+
+    model: str
+
+
+@dataclass(frozen=True, slots=True)
+class FetchModel:
+    """A model's bytes from the store."""
+
+    cid: Cid
+
+
+@dataclass(frozen=True, slots=True)
+class SendBeacon:
+    """A beacon to those around."""
+
+    beacon: Beacon
+
+
+@dataclass(frozen=True, slots=True)
+class Decide:
+    """What the policy answers to what the UAV sees."""
+
+    policy: Policy
+    sight: Sight
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """Fly one step: 0 stays, 1 to 8 are the headings."""
+
+    action: int
+
+
+Command: TypeAlias = ChainCall | ReadZone | ReadModel | FetchModel | SendBeacon | Decide | Move

@@ -1,0 +1,98 @@
+"""What one UAV sees when it decides, and how UAVs of one process that see the same team have it worked out at once."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from skyrelay.core.law import Law
+from skyrelay.policy import Policy, observe, observe_team
+
+Position = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """What a UAV knows at the moment of its decision.
+
+    Attributes:
+        law: of the area.
+        zone: that it flies in.
+        own: its position [m].
+        team: where its team mates were last [m].
+        margins: how much nearer than the range each link has to be held, for what is not known of the mate [m].
+        vehicles: where its own vehicles were last [m].
+        battery: its own [0-100].
+    """
+
+    law: Law
+    zone: int
+    own: Position
+    team: tuple[Position, ...]
+    margins: tuple[float, ...]
+    vehicles: tuple[Position, ...]
+    battery: float
+
+
+def decide(policy: Policy, sights: Sequence[Sight]) -> list[int]:
+    """The policy's action for each sight, from that sight alone.
+
+    UAVs of one team whose news are all fresh look at one picture, each from its own place: their maps are drawn
+    together, and are what `observe` gives for each.
+    """
+    pictures: dict[object, list[int]] = {}
+    for row, sight in enumerate(sights):
+        everyone = tuple(sorted((sight.own, *sight.team)))
+        pictures.setdefault(row if any(sight.margins) else (sight.zone, everyone), []).append(row)
+    maps = [_look(policy, [sights[row] for row in rows]) for rows in pictures.values()]
+    order = [row for rows in pictures.values() for row in rows]
+    actions = policy.decide(np.concatenate(maps))
+    chosen = dict(zip(order, actions.tolist(), strict=True))
+    return [chosen[row] for row in range(len(sights))]
+
+
+def _look(policy: Policy, sights: Sequence[Sight]) -> npt.NDArray[np.float32]:
+    """[sights, maps, n, n] of UAVs that look at one picture."""
+    first, card = sights[0], policy.card
+    law, zone = first.law, first.zone
+    fixed = (law.grid.corner(zone), law.grid.side, law.reach)
+    flights = [law.flight(sight.battery) for sight in sights]
+    if len(sights) == 1:
+        maps = observe(
+            _points([first.own]),
+            _points(first.team),
+            _points(first.vehicles),
+            *fixed,
+            n=card.n,
+            zoom=card.zoom,
+            names=card.maps,
+            walls=law.walls_near(zone),
+            charger=law.charger(zone),
+            flight=flights[0],
+            step=law.stride,
+            margins=np.array(first.margins),
+        )
+        return maps[None]
+    others = Counter((first.own, *first.team)) - Counter(sight.own for sight in sights)
+    everyone = [*(sight.own for sight in sights), *others.elements()]
+    return observe_team(
+        _points(everyone),
+        _points([place for sight in sights for place in sight.vehicles]),
+        np.repeat(np.arange(len(sights)), [len(sight.vehicles) for sight in sights]),
+        *fixed,
+        n=card.n,
+        zoom=card.zoom,
+        names=card.maps,
+        walls=law.walls_near(zone),
+        charger=law.charger(zone),
+        flight=np.array(flights + [0.0] * others.total()),
+        step=law.stride,
+    )[: len(sights)]
+
+
+def _points(places: Sequence[Position]) -> npt.NDArray[np.float64]:
+    return np.array(places, dtype=np.float64).reshape(-1, 2)

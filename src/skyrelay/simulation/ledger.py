@@ -1,0 +1,83 @@
+"""What the chain's events say of a run so far: who joined and left, who proposed to whom, who serves whom."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from skyrelay.chain.abi import Event
+from skyrelay.core.entities import IntArray
+from skyrelay.simulation.flight import NOBODY
+
+
+class Ledger:
+    """The books of one run, kept from the contract's events alone.
+
+    Args:
+        vehicles, uavs: the row of each member by its address.
+
+    Attributes:
+        joined: addresses of members that registered, since they were last taken away.
+        left: rows of UAVs that left, likewise.
+        proposals: of the present period, in the order of submission.
+        models: ids of all that were assigned.
+    """
+
+    def __init__(self, vehicles: Mapping[str, int], uavs: Mapping[str, int]) -> None:
+        self._vehicles, self._uavs = vehicles, uavs
+        self.joined: list[str] = []
+        self.left: list[int] = []
+        self.proposals: list[dict[str, Any]] = []
+        self.models: set[str] = set()
+        self._submitted = 0
+        self._held: dict[str, list[str]] = {}
+
+    def hear(self, event: Event) -> None:
+        """Note an event."""
+        args = event.args
+        match event.name:
+            case "VehicleRegistered":
+                self.joined.append(args["vehicle"])
+            case "UAVRegistered":
+                self.joined.append(args["uav"])
+            case "UAVZoneUpdated" if args["to"] == 0:
+                self.left.append(self._uavs[args["uav"]])
+            case "VehSelectionSubmitted":
+                self.proposals.append(
+                    {
+                        "vehicle": self._vehicles[args["vehicle"]],
+                        "uav": self._uavs[args["uav"]],
+                        "zone": args["zone"],
+                        "qov": args["qov"],
+                        "score": args["score"],
+                        "order": self._submitted,
+                    }
+                )
+                self._submitted += 1
+            case "UAVAllocated":
+                self._held[args["uav"]] = args["selected"]
+            case "ModelAssigned":
+                self.models.add(args["modelId"])
+
+    def open_period(self) -> None:
+        """The period before is over: what belonged to it is void."""
+        self.proposals, self._held = [], {}
+
+    def take_joined(self) -> list[str]:
+        """Who has registered since this was last called."""
+        joined, self.joined = self.joined, []
+        return joined
+
+    def take_left(self) -> IntArray:
+        """Rows of the UAVs that have left since this was last called."""
+        left, self.left = self.left, []
+        return np.array(left, dtype=np.int64)
+
+    def owner(self) -> IntArray:
+        """[V] the row of the UAV that serves each vehicle in this period, or -1."""
+        owner = np.full(len(self._vehicles), NOBODY)
+        for uav, vehicles in self._held.items():
+            owner[[self._vehicles[vehicle] for vehicle in vehicles]] = self._uavs[uav]
+        return owner

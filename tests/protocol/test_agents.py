@@ -1,0 +1,175 @@
+"""Agents by themselves: what they want done about what they are told, and that they know nothing else."""
+
+import numpy as np
+import pytest
+
+from skyrelay.chain.abi import ContractError, Event
+from skyrelay.chain.client import ProposalStatus
+from skyrelay.core.errors import ProtocolError
+from skyrelay.policy import observe
+from skyrelay.protocol.messages import (
+    Beacon,
+    Decide,
+    Decided,
+    Fix,
+    LeaveZone,
+    Mined,
+    Move,
+    Phase,
+    ReadZone,
+    Refused,
+    RegisterVehicle,
+    Tick,
+)
+from skyrelay.protocol.sequence import UavState, VehicleState, ZoneState
+from skyrelay.protocol.sight import decide
+
+
+def test_a_period_is_played_by_the_agents_alone(town):
+    town.select()
+    served = [name for name in ("v1", "v2", "v3", "v4", "v5") if town[name].state is VehicleState.SERVED]
+    on_chain = town.client.vehicle_selections([town[name].address for name in served])
+    assert served
+    assert [(status, uav) for status, uav, _ in on_chain] == [
+        (ProposalStatus.SELECTED, town[name].uav) for name in served
+    ]
+    flying = {agent.address for agent in town.agents if agent.state is UavState.FLYING}
+    assert flying == {uav for _, uav, _ in on_chain}
+    assert set(town.fly(0)) == flying
+    town.tick(Phase.CLOSE)
+    assert {agent.state for agent in town.agents} <= {VehicleState.IDLE, UavState.AVAILABLE, ZoneState.COLLECTING}
+
+
+def test_one_that_is_started_again_stands_where_the_chain_says(town):
+    town.select()
+    again = town.fresh_agents()
+    for agent in again:
+        for event in town.client.events():
+            if event.name in agent.HEARS or agent.address in event.args.values():
+                agent.receive(event)
+    # What only a look at the zone or a loaded policy tells is done anew.
+    for lived, began in zip(town.agents, again, strict=True):
+        if lived.state is UavState.FLYING:
+            assert began.state is UavState.SELECTED
+            (wish,) = began.receive(Tick(Phase.DECIDE))
+            assert wish.model == town.client.model_of_zone(lived.tuned_in).model_id
+        elif lived.state is VehicleState.UNSERVED:
+            assert began.state in {VehicleState.IDLE, VehicleState.UNSERVED}
+        else:
+            assert began.state is lived.state
+        assert getattr(began, "uav", None) == getattr(lived, "uav", None)
+
+
+def test_a_call_that_is_under_way_is_not_made_twice(town):
+    vehicle = town.fresh_agents()[0]
+    vehicle.receive(Fix((450.0, 600.0)))
+    (call,) = vehicle.receive(Tick(Phase.REPORT))
+    assert isinstance(call, RegisterVehicle)
+    assert vehicle.receive(Tick(Phase.REPORT)) == ()
+    vehicle.receive(Refused(call, ContractError("registerVehicle", "Full", {})))
+    assert vehicle.receive(Tick(Phase.REPORT)) == (call,)
+    vehicle.receive(Event("VehicleRegistered", {"vehicle": vehicle.address, "x": 4500, "y": 6000, "zone": 1}, 1, 0, 0))
+    vehicle.receive(Mined(call))
+    assert vehicle.receive(Tick(Phase.PROPOSE)) == (ReadZone(1),)
+
+
+def test_an_event_that_the_table_does_not_allow_raises(town):
+    vehicle = town["v1"]
+    with pytest.raises(ProtocolError, match="vehicle v1"):
+        vehicle.receive(Event("VehSelectionSubmitted", {"vehicle": vehicle.address, "uav": "0x"}, 1, 0, 0))
+
+
+def test_a_uav_whose_battery_is_spent_leaves_and_its_mates_forget_it(town):
+    town.select()
+    sights = _sights(town, 0)
+    assert len(sights["u1"].team) == 2
+    town["u2"].receive(Fix((900.0, 900.0), 2.0))
+    assert town["u2"].receive(Tick(Phase.LAND)) == (LeaveZone(),)
+    town["u2"].receive(Mined(LeaveZone()))
+    town.tick(Phase.LAND)
+    assert town["u2"].state is UavState.RETIRED
+    assert len(_sights(town, 1)["u1"].team) == 1
+
+
+def test_a_decision_is_a_uav_s_own_whoever_shares_its_process(town):
+    town.select()
+    together = town.fly(0)
+    for name, sight in _sights(town, 0).items():
+        assert decide(town.policy, [sight]) == [together[town[name].address]]
+
+
+def test_an_old_beacon_narrows_what_is_safe_and_a_very_old_one_does_not_count(town):
+    """u1 hears u2 no more; what it knows of u2 ages while it decides on."""
+    town.select()
+    silent = town["u2"].address
+    town.fly(0)
+    margins, mates = [], []
+    for step in range(1, 8):
+        town.tick(Phase.BEACON, step=step)
+        town.host.hear(beacon for beacon in town.host.take_beacons() if beacon.sender != silent)
+        (wish,) = town["u1"].receive(Tick(Phase.DECIDE, step=step, time=step * 2.0))
+        assert isinstance(wish, Decide)
+        mates.append((900.0, 900.0) in wish.sight.team)
+        margins.append(max(wish.sight.margins))
+    assert margins[:5] == [60.0, 120.0, 180.0, 240.0, 300.0]
+    assert mates == [True] * 5 + [False] * 2
+
+
+def test_a_margin_leaves_fewer_safe_moves():
+    def safe(margin):
+        maps = observe(
+            np.array([500.0, 500.0]),
+            np.array([[1200.0, 500.0]]),
+            np.array([[500.0, 500.0]]),
+            (0.0, 0.0),
+            2000.0,
+            900.0,
+            n=11,
+            zoom=3,
+            names=("local_location", "safe_moves", "cover_nearby"),
+            step=60.0,
+            margins=np.array([margin]),
+        )
+        return int(maps[1].sum())
+
+    fresh, old, older = safe(0.0), safe(100.0), safe(200.0)
+    assert fresh == 9
+    assert fresh > old > older >= 1
+
+
+def test_a_beacon_that_comes_late_does_not_hide_a_later_one(town):
+    town.select()
+    town.fly(0)
+    u1, mate = town["u1"], town["u2"].address
+    u1.receive(Beacon(mate, 1, None, (800.0, 800.0), 4.0))
+    u1.receive(Beacon(mate, 1, None, (100.0, 100.0), 2.0))
+    (wish,) = u1.receive(Tick(Phase.DECIDE, step=2, time=4.0))
+    assert (800.0, 800.0) in wish.sight.team
+    assert (100.0, 100.0) not in wish.sight.team
+
+
+def test_a_vehicle_that_has_left_says_so_and_is_no_longer_followed(town):
+    town.select()
+    vehicle = next(agent for agent in town.agents if agent.state is VehicleState.SERVED)
+    uav = next(agent for agent in town.agents if agent.address == vehicle.uav)
+    town.fly(0)
+    vehicle.receive(Fix(None))
+    before, after = (len(s[uav.name].vehicles) for s in (_sights(town, 0, beacons=False), _sights(town, 1)))
+    assert after == before - 1
+
+
+def test_a_decision_becomes_a_move(town):
+    town.select()
+    town.tick(Phase.BEACON)
+    (wish,) = town["u1"].receive(Tick(Phase.DECIDE))
+    (action,) = decide(wish.policy, [wish.sight])
+    assert town["u1"].receive(Decided(action)) == (Move(action),)
+
+
+def _sights(town, step, beacons=True):
+    """What each flying UAV would decide on."""
+    if beacons:
+        town.tick(Phase.BEACON, step=step)
+        town.host.hear(town.host.take_beacons())
+    tick = Tick(Phase.DECIDE, step=step, time=step * 2.0)
+    return {agent.name: agent.receive(tick)[0].sight for agent in town.agents if agent.state is UavState.FLYING}
