@@ -130,13 +130,14 @@ def test_a_uav_that_knows_only_the_cid_from_the_chain_flies_the_published_policy
 
         law = Law(ZoneGrid(0.0, 0.0, 1000.0, 1, 1), 500.0, 30.0, 2.0, Energy(), None, 10.0)
         agent = UavAgent("u1", chain.account("u1"), 1, 100.0, 9_000, law, Policy.load)
-        host = Host([agent], client, KuboStore(swarm[1].url), lambda event: None)
+        host = Host([agent], client, KuboStore(swarm[1].url), lambda event: None, alone=False)
         agent.receive(Fix((0.0, 0.0), 90.0))
         host.tick(Tick(Phase.JOIN))
-        host.execute([client.register_vehicle(vehicle, VehicleRecord(10.0, 10.0, 500.0, 1))])
-        host.execute([client.submit_veh_selection(vehicle, agent.address, 1_000.0, 1)])
-        host.execute([client.allocate_zone(administrator, 1, 10)])
-        host.execute([client.determine_mdrl_model(administrator, 1)])
+        client.execute([client.register_vehicle(vehicle, VehicleRecord(10.0, 10.0, 500.0, 1))])
+        client.execute([client.submit_veh_selection(vehicle, agent.address, 1_000.0, 1)])
+        client.execute([client.allocate_zone(administrator, 1, 10)])
+        client.execute([client.determine_mdrl_model(administrator, 1)])
+        host.tick(Tick(Phase.BEACON))
     assert agent.state is UavState.FLYING
     flown = agent.policy
     assert flown is not None

@@ -7,6 +7,7 @@ from skyrelay.chain.abi import ContractError, Event
 from skyrelay.chain.client import ProposalStatus
 from skyrelay.core.errors import ProtocolError
 from skyrelay.policy import observe
+from skyrelay.protocol.authority import ReputationAuthority
 from skyrelay.protocol.messages import (
     Beacon,
     Decide,
@@ -19,6 +20,7 @@ from skyrelay.protocol.messages import (
     ReadZone,
     Refused,
     RegisterVehicle,
+    SetReputations,
     Tick,
 )
 from skyrelay.protocol.sequence import UavState, VehicleState, ZoneState
@@ -164,6 +166,16 @@ def test_a_decision_becomes_a_move(town):
     (wish,) = town["u1"].receive(Tick(Phase.DECIDE))
     (action,) = decide(wish.policy, [wish.sight])
     assert town["u1"].receive(Decided(action)) == (Move(action),)
+
+
+def test_the_authority_rates_each_newcomer_that_it_knows_once():
+    authority = ReputationAuthority("0xa", {"0x1": 40.0, "0x2": 60.0})
+    for member in ("0x1", "0x2", "0x3"):
+        authority.receive(Event("VehicleRegistered", {"vehicle": member}, 1, 0, 0))
+    (call,) = authority.receive(Tick(Phase.RATE))
+    assert call == SetReputations({"0x1": 40.0, "0x2": 60.0})
+    authority.receive(Event("ReputationSet", {"member": "0x1", "reputation": 4000}, 2, 0, 0))
+    assert authority.receive(Tick(Phase.RATE)) == [SetReputations({"0x2": 60.0})]
 
 
 def _sights(town, step, beacons=True):

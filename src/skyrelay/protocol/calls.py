@@ -13,6 +13,7 @@ from skyrelay.protocol.messages import (
     RegisterUav,
     RegisterVehicle,
     ResetZone,
+    SetReputations,
     UpdateUav,
     UpdateVehicle,
 )
@@ -39,3 +40,5 @@ def to_call(command: ChainCall, sender: str, client: IovClient) -> Call:
             return client.determine_mdrl_model(sender, zone)
         case ResetZone(zone):
             return client.reset_lists_for_zone(sender, zone)
+        case SetReputations(reputations):
+            return client.set_reputations(sender, reputations)

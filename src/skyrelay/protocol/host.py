@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import ParamSpec, TypeVar
 
-from skyrelay.chain.abi import Event
+from skyrelay.chain.abi import ContractError, Event
 from skyrelay.chain.chain import Call, Receipt
 from skyrelay.chain.client import IovClient
 from skyrelay.policy import Policy
@@ -20,17 +20,20 @@ from skyrelay.protocol.messages import (
     Decide,
     Decided,
     FetchModel,
+    Fix,
     Mined,
     ModelFetched,
     ModelRead,
     Move,
     ReadModel,
     ReadZone,
+    Refused,
     SendBeacon,
     Tick,
     ZoneRead,
 )
 from skyrelay.protocol.sight import Sight, decide
+from skyrelay.protocol.vehicle import Choice, VehicleAgent
 from skyrelay.protocol.zone_view import ZoneView, read_zone
 from skyrelay.store.cid import Cid
 from skyrelay.store.model_store import ModelStore
@@ -50,15 +53,25 @@ class Host:
         client: the contract.
         store: where policies come from; whatever it answers has been hashed again.
         heard: is called with every event, after the agents have heard it.
+        refused: is called with every call that the contract refuses, after its agent has been told; None: it raises.
+        alone: whether nobody else writes to the contract, so that what is mined here is all there is to hear.
 
     Attributes:
         transactions, gas_used, chain_seconds: so far.
     """
 
     def __init__(
-        self, agents: Sequence[Agent], client: IovClient, store: ModelStore, heard: Callable[[Event], None]
+        self,
+        agents: Sequence[Agent],
+        client: IovClient,
+        store: ModelStore,
+        heard: Callable[[Event], None],
+        refused: Callable[[Agent, ContractError], None] | None = None,
+        *,
+        alone: bool = True,
     ) -> None:
         self.client, self.store = client, store
+        self._refused, self._alone, self._next_block = refused, alone, 0
         self.agents = list(agents)
         self.transactions = self.gas_used = 0
         self.chain_seconds = 0.0
@@ -81,7 +94,23 @@ class Host:
         Args:
             timestamp: of the blocks on the embedded chain [s].
         """
+        if not self._alone:
+            self._settle(self._route(self._news()), timestamp)
         self._settle([(agent, command) for agent in self.agents for command in agent.receive(tick)], timestamp)
+
+    def catch_up(self) -> None:
+        """Let agents that begin, or begin again, hear what has been; what they would have done about it is done."""
+        self._route(self._news())
+
+    def tell(self, fixes: Mapping[str, Fix]) -> None:
+        """New positions, by address, each to whose receiver it is."""
+        for agent in self.agents:
+            if agent.address in fixes:
+                agent.receive(fixes[agent.address])
+
+    def spread(self) -> None:
+        """Every beacon sent here reaches everyone here whom it is for."""
+        self.hear(self.take_beacons())
 
     def hear(self, beacons: Iterable[Beacon]) -> None:
         """Beacons, each to whom it is for: the UAV that a vehicle tells, or the other UAVs of a UAV's zone."""
@@ -95,12 +124,15 @@ class Host:
                 if agent.address != beacon.sender:
                     agent.receive(beacon)
 
-    def execute(self, calls: Sequence[Call], timestamp: int | None = None) -> None:
-        """Have calls mined that are no agent's; the agents hear what comes of them."""
-        if calls:
-            self._settle(self._route(self._mine(calls, timestamp)), timestamp)
-
     # What goes out
+
+    def choices(self) -> dict[str, Choice]:
+        """What Algorithm 1 gave the vehicles here in this period, by address."""
+        return {
+            agent.address: agent.choice
+            for agent in self.agents
+            if isinstance(agent, VehicleAgent) and agent.choice is not None
+        }
 
     def take_beacons(self) -> list[Beacon]:
         """What the agents have sent since this was last called."""
@@ -137,8 +169,9 @@ class Host:
             if not calls:
                 return
             receipts = self._mine([to_call(call, agent.address, self.client) for agent, call in calls], timestamp)
-            wishes = self._route(receipts)
-            wishes += [(agent, wish) for agent, call in calls for wish in agent.receive(Mined(call))]
+            wishes = self._route(self.client.events_of(receipts) if self._alone else self._news())
+            for (agent, call), receipt in zip(calls, receipts, strict=True):
+                wishes += [(agent, wish) for wish in self._answer(agent, call, receipt)]
 
     def _carry_out(
         self,
@@ -180,18 +213,39 @@ class Host:
                 for wish in agent.receive(Decided(action)):
                     self._carry_out(agent, wish, [], [])
 
+    def _answer(self, agent: Agent, call: ChainCall, receipt: Receipt) -> Sequence[Command]:
+        """Tell an agent what became of its call."""
+        if receipt.status:
+            return agent.receive(Mined(call))
+        error = self.client.refusal(to_call(call, agent.address, self.client), receipt)
+        if self._refused is None:
+            raise error
+        wishes = agent.receive(Refused(call, error))
+        self._refused(agent, error)
+        return wishes
+
+    def _news(self) -> list[Event]:
+        """The events of blocks that have come since this was last called."""
+        last = self._timed(lambda: self.client.chain.block_number)
+        if last < self._next_block:
+            return []
+        events = self._timed(self.client.events, self._next_block, last)
+        self._next_block = last + 1
+        self._views.clear()
+        return events
+
     def _mine(self, calls: Sequence[Call], timestamp: int | None) -> list[Receipt]:
-        """Have calls mined; all of them must succeed."""
-        receipts = self._timed(self.client.execute, calls, timestamp)
+        """Have calls mined, refused ones included."""
+        receipts = self._timed(self.client.chain.send, calls, timestamp)
         self.transactions += len(receipts)
         self.gas_used += sum(receipt.gas_used for receipt in receipts)
         self._views.clear()
         return receipts
 
-    def _route(self, receipts: Sequence[Receipt]) -> list[Wish]:
+    def _route(self, events: Sequence[Event]) -> list[Wish]:
         """Every event to the agents that want its kind, and to those that it names."""
         wishes: list[Wish] = []
-        for event in self.client.events_of(receipts):
+        for event in events:
             hearers = self._hearers.get(event.name, [])
             named = (self._named.get(value) for value in event.args.values() if isinstance(value, str))
             for agent in [*hearers, *(agent for agent in named if agent and event.name not in agent.HEARS)]:

@@ -24,6 +24,7 @@ class Phase(Enum):
     JOIN = "UAVs that are not registered do so"
     CLOSE = "the coordinators end the period before"
     REPORT = "everyone tells the contract where it is"
+    RATE = "the consortium's authority gives new members their reputation"
     PROPOSE = "vehicles without a UAV propose; once a round"
     ALLOCATE = "the coordinators have the proposals decided; once a round"
     DETERMINE = "the coordinators ask for each team's policy"
@@ -199,6 +200,13 @@ class ResetZone:
     zone: int
 
 
+@dataclass(frozen=True, slots=True)
+class SetReputations:
+    """setReputations() of members [0-100], by address."""
+
+    reputations: dict[str, float]
+
+
 ChainCall: TypeAlias = (
     RegisterVehicle
     | UpdateVehicle
@@ -209,6 +217,7 @@ ChainCall: TypeAlias = (
     | AllocateZone
     | DetermineModel
     | ResetZone
+    | SetReputations
 )
 
 

@@ -19,15 +19,13 @@ class Ledger:
         vehicles, uavs: the row of each member by its address.
 
     Attributes:
-        joined: addresses of members that registered, since they were last taken away.
-        left: rows of UAVs that left, likewise.
+        left: rows of UAVs that left, since they were last taken away.
         proposals: of the present period, in the order of submission.
         models: ids of all that were assigned.
     """
 
     def __init__(self, vehicles: Mapping[str, int], uavs: Mapping[str, int]) -> None:
         self._vehicles, self._uavs = vehicles, uavs
-        self.joined: list[str] = []
         self.left: list[int] = []
         self.proposals: list[dict[str, Any]] = []
         self.models: set[str] = set()
@@ -38,10 +36,6 @@ class Ledger:
         """Note an event."""
         args = event.args
         match event.name:
-            case "VehicleRegistered":
-                self.joined.append(args["vehicle"])
-            case "UAVRegistered":
-                self.joined.append(args["uav"])
             case "UAVZoneUpdated" if args["to"] == 0:
                 self.left.append(self._uavs[args["uav"]])
             case "VehSelectionSubmitted":
@@ -64,11 +58,6 @@ class Ledger:
     def open_period(self) -> None:
         """The period before is over: what belonged to it is void."""
         self.proposals, self._held = [], {}
-
-    def take_joined(self) -> list[str]:
-        """Who has registered since this was last called."""
-        joined, self.joined = self.joined, []
-        return joined
 
     def take_left(self) -> IntArray:
         """Rows of the UAVs that have left since this was last called."""

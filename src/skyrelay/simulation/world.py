@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,10 +11,11 @@ from scipy.cluster.vq import kmeans2
 
 from skyrelay.core.entities import FloatArray, IntArray
 from skyrelay.core.law import Law
-from skyrelay.core.scenario import Demand
+from skyrelay.core.resolved import ResolvedScenario, resolve
+from skyrelay.core.scenario import Demand, Scenario
 from skyrelay.core.scenario import Fleet as FleetConfig
 from skyrelay.core.zones import ZoneGrid
-from skyrelay.mobility import Tracks
+from skyrelay.mobility import Tracks, load_tracks
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,52 @@ class Fleet:
         per_minute = np.where(at_point & ~moved, -config.charge_per_minute, per_minute)
         spent = np.where(self.zone > 0, per_minute * law.seconds / 60.0, 0.0)
         self.battery = (self.battery - spent).clip(0.0, 100.0)
+
+
+@dataclass(frozen=True)
+class World:
+    """Who is where: all that the seed draws and the trace gives.
+
+    Attributes:
+        scenario: in its area.
+        law: of the area.
+        tracks: of the vehicles.
+        members: what the vehicles ask for and offer.
+        fleet: as it is deployed; it moves with the run.
+    """
+
+    scenario: ResolvedScenario
+    law: Law
+    tracks: Tracks
+    members: Members
+    fleet: Fleet
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> World:
+        """A scenario's.
+
+        Raises:
+            TraceError: the trace cannot be read, or is shorter than the run.
+        """
+        tracks = load_tracks(scenario)
+        grid = ZoneGrid.over(*tracks.box, scenario.zones.columns, scenario.zones.rows)
+        resolved = resolve(scenario, grid)
+        return cls(
+            resolved,
+            Law.of(resolved, grid),
+            tracks,
+            draw_members(scenario.demand, scenario.seed, len(tracks.ids)),
+            deploy_fleet(scenario.fleet, scenario.seed, tracks, grid),
+        )
+
+    def addresses(self, account: Callable[[str], str]) -> dict[str, str]:
+        """Every member's, by its name."""
+        return {name: account(name) for name in (*self.tracks.ids, *self.fleet.ids)}
+
+    def reputations(self, account: Callable[[str], str]) -> dict[str, float]:
+        """Every member's [0-100], by its address."""
+        values = (*self.members.reputation.tolist(), *self.fleet.reputation.tolist())
+        return dict(zip(self.addresses(account).values(), values, strict=True))
 
 
 def draw_members(config: Demand, seed: int, count: int) -> Members:
