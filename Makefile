@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 PYTEST := $(BIN)/python -m pytest
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check test-browser test-contracts test-nodes test-sumo test-peers test-all nodes peers bench clean
+.PHONY: help setup run test check test-browser test-evm test-contracts test-nodes test-sumo test-peers test-all nodes peers bench clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -24,7 +24,7 @@ run: $(READY) ## play the whole system on the Bologna trace; ends in out/bologna
 	@$(BIN)/skyrelay run bologna --out out/bologna --force
 
 test: $(READY) ## all tests that need Python alone
-	$(PYTEST) -n 2 --dist loadgroup -m "not browser and not contracts and not nodes"
+	$(PYTEST) -n 2 --dist loadgroup -m "not browser and not contracts and not nodes and not evm"
 
 check: $(READY) ## lint, format, types, layers
 	$(BIN)/ruff check .
@@ -36,6 +36,9 @@ test-browser: $(READY) ## the report page in a real headless Chromium
 	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || { \
 		echo "test-browser needs chromium and chromedriver (Debian: apt-get install chromium chromium-driver)" >&2; exit 1; }
 	$(PYTEST) -m browser
+
+test-evm: $(READY) ## the official EVM state tests, where ../shared/data has them
+	$(PYTEST) -m evm -n 2 -rs
 
 contracts/node_modules/.ready: contracts/package-lock.json
 	@command -v npm >/dev/null || { echo "test-contracts needs Node 20 or later with npm" >&2; exit 1; }
@@ -84,7 +87,7 @@ peers: $(VENV)/peers/.ready $(VENV)/jaxmarl/.ready ## what the benchmarks of env
 test-peers: $(VENV)/peers/.ready ## BenchMARL and TorchRL train on the game (installs PyTorch, 5 GB)
 	$(VENV)/peers/bin/python -m pytest tests/peers
 
-test-all: check test test-browser test-contracts test-nodes test-sumo test-peers ## everything
+test-all: check test test-browser test-evm test-contracts test-nodes test-sumo test-peers ## everything
 
 bench: $(READY) ## every benchmark, one after the other; figures and JSON
 	@for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done

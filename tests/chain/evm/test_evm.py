@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyrelay.chain.evm import machine as evm
+from skyrelay.chain import evm
+from skyrelay.chain.evm.words import signed
 from skyrelay.core.errors import ChainError
 
 BLOCK = evm.BlockContext(number=7, timestamp=99, gas_limit=30_000_000, chain_id=5, block_hash=lambda n: 1000 + n)
@@ -84,7 +85,7 @@ def test_data_costs_by_its_zeros() -> None:
 
 @given(words, words)
 def test_arithmetic_is_pythons_modulo_two_to_the_256(a: int, b: int) -> None:
-    sa, sb = evm.signed(a), evm.signed(b)
+    sa, sb = signed(a), signed(b)
     quotient = 0 if b == 0 else abs(sa) // abs(sb) * (1 if (sa < 0) == (sb < 0) else -1)
     remainder = 0 if b == 0 else sa - sb * quotient
     expected = {
@@ -237,9 +238,31 @@ def test_precompiled_recovery_and_powers() -> None:
     ).to_bytes(2, "big")
 
 
-def test_curves_are_refused_in_so_many_words() -> None:
-    with pytest.raises(ChainError, match=r"precompiled contract: is 8; expected one of 1 to 5"):
-        precompiled(8, b"")
+@pytest.mark.parametrize("address", [6, 7, 8, 9])
+def test_a_precompiled_contract_that_is_missing_ends_the_call_and_no_more(address: int) -> None:
+    # Calls it with 5,000 gas and returns what CALL said, and a one behind it.
+    state = evm.WorldState()
+    state.set_code(TARGET, bytes.fromhex(f"6000600060006000600060{address:02x}611388f1600052600160205260406000f3"))
+    outcome = evm.transact(state, BLOCK, sender=SENDER, to=TARGET, data=b"", gas=100_000)
+    assert (outcome.status, outcome.output) == (True, bytes(63) + b"\x01")
+    straight = evm.transact(state, BLOCK, sender=SENDER, to=address, data=b"", gas=100_000)
+    assert (straight.status, straight.gas_used) == (False, 100_000)
+    assert straight.halt == f"precompiled contract {address} is not part of this machine"
+
+
+def test_a_contract_begins_with_no_storage() -> None:
+    state = evm.WorldState()
+    created = evm.contract_address(SENDER, 0)
+    state.storage[created] = {1: 7}
+    # Its constructor returns what it finds at 1.
+    outcome = evm.transact(
+        state, BLOCK, sender=SENDER, to=None, data=bytes.fromhex("60015460005260206000f3"), gas=99_999
+    )
+    assert (outcome.status, outcome.output) == (True, bytes(32))
+    failed = evm.WorldState()
+    failed.storage[created] = {1: 7}
+    assert not evm.transact(failed, BLOCK, sender=SENDER, to=None, data=b"\xfe", gas=99_999).status
+    assert failed.storage[created] == {1: 7}
 
 
 def test_a_contract_is_created_where_ethereum_puts_it() -> None:

@@ -8,6 +8,7 @@ from types import TracebackType
 
 from eth_hash.auto import keccak
 
+from skyrelay.chain import evm
 from skyrelay.chain.chain import Answer, Call, LogEntry, Receipt
 from skyrelay.chain.embedded.ledger import (
     FILE_NAME,
@@ -22,7 +23,7 @@ from skyrelay.chain.embedded.ledger import (
     encode_block,
     encode_genesis,
 )
-from skyrelay.chain.evm import machine as evm
+from skyrelay.chain.evm.state import NO_CODE
 from skyrelay.core.errors import ChainError
 
 CHAIN_ID = 31337
@@ -193,7 +194,7 @@ class EmbeddedChain:
 
     def code(self, address: str) -> bytes:
         """The code of a contract; empty where there is none."""
-        return self._state.codes.get(int(address, 16), evm.NO_CODE).code
+        return self._state.codes.get(int(address, 16), NO_CODE).code
 
     # Beyond it
 

@@ -13,10 +13,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from skyrelay.chain.evm import machine as evm
+from skyrelay.chain.evm import calls, opcodes, words
+from skyrelay.chain.evm.frame import REVERTED, STOPPED, Halt
+from skyrelay.chain.evm.gas import extend
 
 if TYPE_CHECKING:
-    from skyrelay.chain.evm.machine import Code, Trace
+    from skyrelay.chain.evm.state import Code, Trace
 
 MAX_OPERATIONS = 400
 """Of a trace; one that reaches it ends at the next place where it can."""
@@ -32,13 +34,13 @@ _EXPRESSIONS: dict[int, tuple[int, int, str]] = {
     0x02: (2, 5, "({0} * {1}) & W"),
     0x03: (2, 3, "({0} - {1}) & W"),
     0x04: (2, 5, "{0} // {1} if {1} else 0"),
-    0x05: (2, 5, "evm.sdiv({0}, {1})"),
+    0x05: (2, 5, "sdiv({0}, {1})"),
     0x06: (2, 5, "{0} % {1} if {1} else 0"),
-    0x07: (2, 5, "evm.smod({0}, {1})"),
+    0x07: (2, 5, "smod({0}, {1})"),
     0x08: (3, 8, "({0} + {1}) % {2} if {2} else 0"),
     0x09: (3, 8, "({0} * {1}) % {2} if {2} else 0"),
-    0x0A: (2, 10, "evm.exp(f, {0}, {1})"),
-    0x0B: (2, 5, "evm.sign_extend({0}, {1})"),
+    0x0A: (2, 10, "exp(f, {0}, {1})"),
+    0x0B: (2, 5, "sign_extend({0}, {1})"),
     0x10: (2, 3, "{0} < {1}"),
     0x11: (2, 3, "{0} > {1}"),
     0x12: (2, 3, "({0} ^ S) < ({1} ^ S)"),
@@ -52,54 +54,74 @@ _EXPRESSIONS: dict[int, tuple[int, int, str]] = {
     0x1A: (2, 3, "({1} >> 8 * (31 - {0})) & 255 if {0} < 32 else 0"),
     0x1B: (2, 3, "({1} << {0}) & W if {0} < 256 else 0"),
     0x1C: (2, 3, "{1} >> {0} if {0} < 256 else 0"),
-    0x1D: (2, 3, "evm.sar({0}, {1})"),
-    0x20: (2, 30, "evm.sha3(f, {0}, {1})"),
+    0x1D: (2, 3, "sar({0}, {1})"),
+    0x20: (2, 30, "sha3(f, {0}, {1})"),
     0x30: (0, 2, "f.address"),
-    0x31: (1, 0, "evm.balance(f, {0})"),
+    0x31: (1, 0, "balance(f, {0})"),
     0x32: (0, 2, "f.tx.origin"),
     0x33: (0, 2, "f.caller"),
     0x34: (0, 2, "f.value"),
-    0x35: (1, 3, "evm.call_data_load(f.data, {0})"),
+    0x35: (1, 3, "call_data_load(f.data, {0})"),
     0x36: (0, 2, "len(f.data)"),
-    0x3B: (1, 0, "evm.code_size(f, {0})"),
+    0x3A: (0, 2, "f.tx.price"),
+    0x3B: (1, 0, "code_size(f, {0})"),
     0x3D: (0, 2, "len(f.returned)"),
-    0x3F: (1, 0, "evm.code_hash(f, {0})"),
-    0x40: (1, 20, "evm.block_hash(f, {0})"),
+    0x3F: (1, 0, "code_hash(f, {0})"),
+    0x40: (1, 20, "block_hash(f, {0})"),
+    0x41: (0, 2, "f.tx.block.coinbase"),
     0x42: (0, 2, "f.tx.block.timestamp"),
     0x43: (0, 2, "f.tx.block.number"),
+    0x44: (0, 2, "f.tx.block.difficulty"),
     0x45: (0, 2, "f.tx.block.gas_limit"),
     0x46: (0, 2, "f.tx.block.chain_id"),
     0x47: (0, 5, "f.tx.state.balances.get(f.address, 0)"),
-    0x54: (1, 0, "evm.sload(f, {0})"),
+    0x48: (0, 2, "f.tx.block.base_fee"),
+    0x54: (1, 0, "sload(f, {0})"),
     0x59: (0, 2, "len(mem)"),
 }
 
 # The same for what looks at the remaining gas.
 _GAS_AWARE: dict[int, tuple[int, int, str]] = {
     0x5A: (0, 2, "f.gas"),
-    0xF0: (3, 32_000, "evm.create(f, {0}, {1}, {2})"),
-    0xF1: (7, 0, "evm.call(f, {0}, {1}, {2}, {3}, {4}, {5}, {6})"),
-    0xF2: (7, 0, "evm.call_code(f, {0}, {1}, {2}, {3}, {4}, {5}, {6})"),
-    0xF4: (6, 0, "evm.delegate_call(f, {0}, {1}, {2}, {3}, {4}, {5})"),
-    0xF5: (4, 32_000, "evm.create(f, {0}, {1}, {2}, {3})"),
-    0xFA: (6, 0, "evm.static_call(f, {0}, {1}, {2}, {3}, {4}, {5})"),
+    0xF0: (3, 32_000, "create(f, {0}, {1}, {2})"),
+    0xF1: (7, 0, "call(f, {0}, {1}, {2}, {3}, {4}, {5}, {6})"),
+    0xF2: (7, 0, "call_code(f, {0}, {1}, {2}, {3}, {4}, {5}, {6})"),
+    0xF4: (6, 0, "delegate_call(f, {0}, {1}, {2}, {3}, {4}, {5})"),
+    0xF5: (4, 32_000, "create(f, {0}, {1}, {2}, {3})"),
+    0xFA: (6, 0, "static_call(f, {0}, {1}, {2}, {3}, {4}, {5})"),
 }
 
 # The same for what leaves nothing on the stack.
 _STATEMENTS: dict[int, tuple[int, int, str]] = {
-    0x37: (3, 3, "evm.copy(f, f.data, {0}, {1}, {2})"),
-    0x39: (3, 3, "evm.copy(f, f.code.code, {0}, {1}, {2})"),
-    0x3C: (4, 0, "evm.code_copy(f, {0}, {1}, {2}, {3})"),
-    0x3E: (3, 3, "evm.return_data_copy(f, {0}, {1}, {2})"),
-    0xA0: (2, 375, "evm.log(f, {0}, {1}, ())"),
-    0xA1: (3, 750, "evm.log(f, {0}, {1}, ({2},))"),
-    0xA2: (4, 1125, "evm.log(f, {0}, {1}, ({2}, {3}))"),
-    0xA3: (5, 1500, "evm.log(f, {0}, {1}, ({2}, {3}, {4}))"),
-    0xA4: (6, 1875, "evm.log(f, {0}, {1}, ({2}, {3}, {4}, {5}))"),
+    0x37: (3, 3, "copy(f, f.data, {0}, {1}, {2})"),
+    0x39: (3, 3, "copy(f, f.code.code, {0}, {1}, {2})"),
+    0x3C: (4, 0, "code_copy(f, {0}, {1}, {2}, {3})"),
+    0x3E: (3, 3, "return_data_copy(f, {0}, {1}, {2})"),
+    0xA0: (2, 375, "log(f, {0}, {1}, ())"),
+    0xA1: (3, 750, "log(f, {0}, {1}, ({2},))"),
+    0xA2: (4, 1125, "log(f, {0}, {1}, ({2}, {3}))"),
+    0xA3: (5, 1500, "log(f, {0}, {1}, ({2}, {3}, {4}))"),
+    0xA4: (6, 1875, "log(f, {0}, {1}, ({2}, {3}, {4}, {5}))"),
 }
 
-# Known when translated: no coinbase, no difficulty, no gas price and no base fee on this chain.
-_CONSTANTS: dict[int, int] = {0x3A: 0, 0x41: 0, 0x44: 0, 0x48: 0}
+# What a trace's source can name.
+_NAMES: dict[str, Any] = {
+    **{
+        function.__name__: function
+        for function in (
+            *(words.sdiv, words.smod, words.sign_extend, words.sar, words.call_data_load),
+            *(opcodes.exp, opcodes.sha3, opcodes.sload, opcodes.sstore, opcodes.log, opcodes.balance),
+            *(opcodes.copy, opcodes.code_copy, opcodes.return_data_copy),
+            *(opcodes.code_size, opcodes.code_hash, opcodes.block_hash),
+            *(calls.call, calls.call_code, calls.delegate_call, calls.static_call, calls.create, calls.self_destruct),
+            extend,
+        )
+    },
+    "Halt": Halt,
+    "from_bytes": int.from_bytes,
+    "W": words.WORD,
+    "S": _S,
+}
 
 
 def translate(code: Code, pc: int, *, follow_jumps: bool) -> Trace:
@@ -110,13 +132,8 @@ def translate(code: Code, pc: int, *, follow_jumps: bool) -> Trace:
     """
     source = _Translator(code, pc, follow_jumps).source()
     names: dict[str, Any] = {
-        "evm": evm,
-        "Halt": evm.Halt,
-        "extend": evm.extend,
-        "from_bytes": int.from_bytes,
+        **_NAMES,
         "destinations": code.jump_destinations,
-        "W": evm.WORD,
-        "S": _S,
     }
     exec(compile(source, f"<evm {code.hash:064x} {pc}>", "exec"), names)  # noqa: S102  (built from opcodes, not input)
     trace: Callable[..., int] = names["trace"]
@@ -261,13 +278,10 @@ class _Translator:
             self._end_stretch()
             self._assign(filled)
             self._new_stretch()
-        elif op in _CONSTANTS:
-            self.gas += 2
-            self._push(_CONSTANTS[op])
         elif op == 0x55:
             slot, value = self._pop(), self._pop()
             self._end_stretch()
-            self._line(f"evm.sstore(f, {slot}, {value})")
+            self._line(f"sstore(f, {slot}, {value})")
             self._new_stretch()
         elif op == 0x50:
             self.gas += 2
@@ -297,17 +311,17 @@ class _Translator:
     def _end(self, op: int) -> None:
         """What ends the frame."""
         if op == 0x00:
-            self._line(f"return {evm.STOPPED}")
+            self._line(f"return {STOPPED}")
         elif op in (0xF3, 0xFD):
             offset, size = self._pop(), self._pop()
             self._line(f"if {size}:")
             self._line(f"    if {offset} + {size} > len(mem): extend(f, {offset} + {size})")
             self._line(f"    f.output = bytes(mem[{offset}:{offset} + {size}])")
-            self._line(f"return {evm.STOPPED if op == 0xF3 else evm.REVERTED}")
+            self._line(f"return {STOPPED if op == 0xF3 else REVERTED}")
         elif op == 0xFF:
             self.gas += 5000
-            self._line(f"evm.self_destruct(f, {self._pop()})")
-            self._line(f"return {evm.STOPPED}")
+            self._line(f"self_destruct(f, {self._pop()})")
+            self._line(f"return {STOPPED}")
         else:
             self._line(f"raise Halt('invalid opcode 0x{op:02x}')")
 

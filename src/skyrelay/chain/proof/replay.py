@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from skyrelay.chain import evm
 from skyrelay.chain.abi import contract
 from skyrelay.chain.chain import Receipt
 from skyrelay.chain.embedded.chain import BlockBuilder, with_hash
@@ -21,7 +22,6 @@ from skyrelay.chain.embedded.ledger import (
     parse_block,
     split,
 )
-from skyrelay.chain.evm import machine as evm
 from skyrelay.core.errors import ChainError, RunFolderError
 
 
