@@ -10,8 +10,10 @@ import secrets
 from pathlib import Path
 from typing import Any
 
+import coincurve
 from eth_account import Account
 from eth_account.signers.local import LocalAccount
+from eth_hash.auto import keccak
 
 from skyrelay.core.errors import ChainError
 
@@ -102,8 +104,60 @@ class Keyring:
         signed = account.sign_transaction(fields)
         return "0x" + bytes(signed.hash).hex(), bytes(signed.raw_transaction)
 
+    def vouch(self, member: str, message: bytes) -> bytes:
+        """A member's signature of a message that is no transaction; see `SigningKey.sign`.
+
+        Raises:
+            ChainError: ``member`` is no account of this ring.
+        """
+        account = self._by_address.get(member)
+        if account is None:
+            raise ChainError("member", member, "an account of this host's keyring")
+        return SigningKey(bytes(account.key)).sign(message)
+
     def __repr__(self) -> str:
         return f"Keyring({len(self._by_name)} accounts)"
+
+
+class SigningKey:
+    """A key that signs messages.
+
+    Args:
+        secret: 32 bytes; left out: a new key that nobody will have again.
+    """
+
+    def __init__(self, secret: bytes | None = None) -> None:
+        self._key = coincurve.PrivateKey(secret)
+        self.address = _address(self._key.public_key)
+
+    def sign(self, message: bytes) -> bytes:
+        """[65] the signature, from which `signer` works out the address.
+
+        What is signed is EIP-191's personal message, so that no signature of a message can pass for a transaction's.
+        """
+        return self._key.sign_recoverable(_personal(message), hasher=None)
+
+    def __repr__(self) -> str:
+        return f"SigningKey({self.address})"
+
+
+def signer(message: bytes, signature: bytes) -> str | None:
+    """The address whose key has signed the message; None where the 65 bytes are no signature.
+
+    Any other bytes give another address: whoever asks has to know whom to expect.
+    """
+    try:
+        return _address(coincurve.PublicKey.from_signature_and_message(signature, _personal(message), hasher=None))
+    except ValueError:
+        return None
+
+
+def _personal(message: bytes) -> bytes:
+    return keccak(b"\x19Ethereum Signed Message:\n" + str(len(message)).encode() + message)
+
+
+def _address(key: coincurve.PublicKey) -> str:
+    return "0x" + keccak(key.format(compressed=False)[1:])[12:].hex()
 
 
 def keystore_password() -> str:

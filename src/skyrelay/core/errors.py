@@ -56,6 +56,10 @@ class ProtocolError(SkyRelayError):
     """A message came that the process sequence does not allow at that point."""
 
 
+class BusError(SkyRelayError):
+    """The message bus is out of reach, or a message does not fit it."""
+
+
 class TrainingError(SkyRelayError):
     """Training met a number that is none, or a checkpoint of another run."""
 

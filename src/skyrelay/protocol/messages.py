@@ -60,10 +60,12 @@ class Fix:
     Attributes:
         position: [m]; None outside the area.
         battery: of a UAV [0-100].
+        speed: [m/s].
     """
 
     position: tuple[float, float] | None
     battery: float = 0.0
+    speed: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +78,8 @@ class Beacon:
         to: the UAV that a vehicle tells; None for a UAV, which tells its zone.
         position: [m]; None from a vehicle that has left the area.
         time: when it was there [s].
+        speed: [m/s].
+        battery: of a UAV [0-100].
     """
 
     sender: str
@@ -83,6 +87,8 @@ class Beacon:
     to: str | None
     position: tuple[float, float] | None
     time: float
+    speed: float = 0.0
+    battery: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -123,7 +123,9 @@ class UavAgent(Agent):
             case Phase.REPORT if self.state is UavState.AVAILABLE:
                 return self._call(UpdateUav(self._record()))
             case Phase.BEACON if self._zone:
-                return (SendBeacon(Beacon(self.address, self._zone, None, self._fix.position, tick.time)),)
+                fix = self._fix
+                beacon = Beacon(self.address, self._zone, None, fix.position, tick.time, fix.speed, fix.battery)
+                return (SendBeacon(beacon),)
             case Phase.DECIDE if self.state is UavState.FLYING and self.policy is not None:
                 return (Decide(self.policy, self._sight(tick.time)),)
             case Phase.DECIDE if self.state is UavState.SELECTED and self._model is not None:

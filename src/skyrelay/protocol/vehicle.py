@@ -116,7 +116,8 @@ class VehicleAgent(Agent):
             case Phase.PROPOSE if self.state in {VehicleState.IDLE, VehicleState.UNSERVED} and self._zone:
                 return (ReadZone(self._zone),)
             case Phase.BEACON if self.state is VehicleState.SERVED:
-                return (SendBeacon(Beacon(self.address, self._zone, self.uav, self._fix.position, tick.time)),)
+                fix = self._fix
+                return (SendBeacon(Beacon(self.address, self._zone, self.uav, fix.position, tick.time, fix.speed)),)
         return ()
 
     def _report(self) -> Sequence[Command]:
