@@ -9,7 +9,7 @@ import typer
 from skyrelay.cli.main import app
 from skyrelay.core.scenario import load_scenario, to_commented_toml
 from skyrelay.protocol.sequence import UAV, VEHICLE, ZONE, UavState, VehicleState, ZoneState, to_mermaid
-from skyrelay.simulation.recorder import SCHEMAS
+from skyrelay.runfolder.schema import SCHEMAS
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])

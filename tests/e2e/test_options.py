@@ -10,8 +10,8 @@ import pytest
 from skyrelay.core.maps import ENERGY_MAPS, OBSTACLE_MAPS
 from skyrelay.core.scenario import load_scenario
 from skyrelay.policy import Policy, builtin_policies
-from skyrelay.report.folder import read_run
 from skyrelay.report.payload import _contents
+from skyrelay.runfolder import read_run
 
 pytestmark = pytest.mark.xdist_group("e2e")
 

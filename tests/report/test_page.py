@@ -19,8 +19,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyrelay.report import write_figures, write_report
-from skyrelay.report.folder import read_run
 from skyrelay.report.payload import COLOURS, _quantised, encode
+from skyrelay.runfolder import read_run
 
 _KINDS = {"Uint8Array": "u1", "Uint16Array": "<u2", "Int32Array": "<i4", "Float32Array": "<f4"}
 

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from skyrelay.cli.options import Json, print_result
+
+if TYPE_CHECKING:
+    from skyrelay.core.scenario import Selection as Settings
+    from skyrelay.selection.explain import Explanation
 
 
 def command(
@@ -27,10 +31,89 @@ def command(
       skyrelay explain runs/bologna-1 --vehicle 1208
       skyrelay explain runs/bologna-1 --vehicle 1208 --period 0 --json
     """
-    from skyrelay.selection.explain import explain, to_text
+    from skyrelay.runfolder.reader import read_rows, read_scenario, require_folder
+    from skyrelay.selection.explain import explain
 
-    told = explain(run_dir, vehicle, period)
+    require_folder(run_dir)
+    settings = read_scenario(run_dir).selection
+    tables = {name: read_rows(run_dir, name) for name in ("proposals", "candidates", "fleet", "members")}
+    told = explain(**tables, vehicle=vehicle, period=period)
     if as_json:
-        print_result(asdict(told), as_json=True)
+        print_result(asdict(told) | {"reason": reason(told, settings)}, as_json=True)
     else:
-        typer.echo(to_text(told))
+        typer.echo(to_text(told, settings))
+
+
+def to_text(told: Explanation, settings: Settings) -> str:
+    """An explanation for people, in lines."""
+    lines = [
+        f"Vehicle {told.vehicle}, period {told.period}, zone {told.zone}, asks {_mbps(told.demand)}",
+        reason(told, settings),
+        "",
+        "Candidates by QoU:" if told.candidates else "No candidates.",
+    ]
+    lines += [
+        f"  {candidate.rank:>3}. {candidate.uav:<12} QoU {candidate.qou:6.2f}"
+        + (f"   asked in round {candidate.asked_in}" if candidate.asked_in is not None else "")
+        for candidate in told.candidates
+    ]
+    for ask in told.asks:
+        decided = f" in round {ask.decided_in}" if ask.outcome == "displaced" else ""
+        lines += [
+            "",
+            f"Round {ask.round}: asked {ask.uav} ({_mbps(ask.bandwidth)}), {ask.outcome}{decided}; "
+            f"place {ask.rank} of {ask.of} in its list",
+        ]
+        width = max((len(rival.vehicle) for rival in ask.taken_by), default=0)
+        lines += [
+            f"  {rival.vehicle:<{width}} {_mbps(rival.demand):>14}   before this vehicle" for rival in ask.taken_by
+        ]
+        lines.append(f"  left for {told.vehicle}: {_mbps(ask.left)} of the {_mbps(told.demand)} it asks")
+    return "\n".join(lines)
+
+
+def reason(told: Explanation, settings: Settings) -> str:
+    """One sentence."""
+    if told.served_by is not None:
+        rank = next((candidate.rank for candidate in told.candidates if candidate.uav == told.served_by), None)
+        choice = f", its choice number {rank} of {len(told.candidates)}" if rank else ""
+        return f"Served by {told.served_by}{choice}."
+    if not told.asks:
+        return f"Not served: {_without_asking(told, settings)}."
+    last = told.asks[-1]
+    if told.demand > last.bandwidth:
+        why = f"it asks {_mbps(told.demand)}, more than {last.uav} has at all ({_mbps(last.bandwidth)})"
+    elif last.outcome == "displaced":
+        why = f"in round {last.decided_in} vehicles before it in {last.uav}'s list took its bandwidth"
+    elif last.outcome == "refused":
+        why = (
+            f"{_counted(len(last.taken_by), 'vehicle')} before it in {last.uav}'s list left {_mbps(last.left)} "
+            f"of the {_mbps(told.demand)} it asks"
+        )
+    else:
+        why = f"{last.uav} accepted it, but it was not served in the end (it left, or the UAV did)"
+    unasked = len(told.candidates) - len(told.asks)
+    more = (
+        f"; never asked: {_counted(unasked, 'candidate')} (selection.rounds = {settings.rounds})" if unasked > 0 else ""
+    )
+    return f"Not served: {why}{more}."
+
+
+def _without_asking(told: Explanation, settings: Settings) -> str:
+    """Why a vehicle made no proposal."""
+    if any(candidate.qou > 0.0 for candidate in told.candidates):
+        return "it had candidates and made no proposal (its transaction may have been refused: see events.parquet)"
+    if told.candidates:
+        return "all its candidates have a QoU of 0, and such a UAV is never asked"
+    if told.nearest is None:
+        return f"no UAV is in its zone ({told.zone})"
+    away = f"{told.nearest_distance:,.0f} m away, beyond selection.max_distance ({settings.max_distance:,.0f} m)"
+    return f"the nearest of {_counted(told.uavs_in_zone, 'UAV')} of its zone, {told.nearest}, is {away}"
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _mbps(kbps: float) -> str:
+    return f"{kbps / 1000:,.3f} Mbit/s"

@@ -37,7 +37,8 @@ def command(
     from skyrelay.cli.progress import ShownProgress
     from skyrelay.core.scenario import load_scenario
     from skyrelay.report import write_figures, write_report
-    from skyrelay.simulation import new_run_folder, play
+    from skyrelay.runfolder import new_run_folder
+    from skyrelay.simulation import play
 
     overrides = [*(override or ()), *([f"chain.url={chain}"] if chain else [])]
     config = load_scenario(scenario, overrides, seed)

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from skyrelay.core.files import atomic_path
-from skyrelay.report.folder import Run, read_run
+from skyrelay.runfolder.reader import Run, read_run
 
 LEARNED, STATIC, GREY = "#0b66c3", "#b4590a", "#8b97a4"
 

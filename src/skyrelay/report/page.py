@@ -10,8 +10,9 @@ from importlib.resources import files
 from pathlib import Path
 
 from skyrelay.core.files import write_text
-from skyrelay.report.folder import Run, Summary, read_run
 from skyrelay.report.payload import encode
+from skyrelay.runfolder.reader import Run, read_run
+from skyrelay.runfolder.schema import Summary
 
 
 def write_report(run_dir: Path) -> Path:
@@ -87,8 +88,6 @@ def _about(run: Run) -> str:
         f"the trace “{Path(mobility.trace).stem}”" if mobility.source == "trace" else f"the {mobility.source} model"
     )
     share = f", {100 * mobility.penetration:g} % of them connected" if mobility.source == "trace" else ""
-    cids = summary.model_cids
-    models = [f"{label}: {cid}" for label, cid in cids.items()] if isinstance(cids, dict) else cids
     rows = [
         ("Scenario", [f"{summary.name}, seed {summary.seed}"]),
         ("Movement", [f"vehicles from {source}{share}"]),
@@ -107,7 +106,7 @@ def _about(run: Run) -> str:
                 f"computed in {summary.wall_seconds:.1f} s, {summary.chain_seconds:.1f} s of it on the chain"
             ],
         ),
-        ("Policies (CID)", models),
+        ("Policies (CID)", summary.model_cids),
         ("Contract", [summary.contract]),
         ("Chain head", [summary.chain_head]),
     ]

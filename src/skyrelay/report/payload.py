@@ -18,7 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from skyrelay.core.errors import RunFolderError
-from skyrelay.report.folder import Run
+from skyrelay.core.untrusted import parse_json
+from skyrelay.runfolder.reader import MAX_TEXT, Run
 
 COLOURS = 8
 """Of the page's palette; the figures and the page's style sheet hold as many."""
@@ -204,7 +205,7 @@ def _arguments(run: Run, row: int, names: Mapping[str, str]) -> list[str]:
     place = f"{run.path / 'events.parquet'}: args[{row}]"
     text = run.events["args"][row]
     try:
-        arguments = json.loads(text)
+        arguments = parse_json(text, size=MAX_TEXT)
     except ValueError as error:
         raise RunFolderError(place, text, f"JSON ({error})") from error
     if not isinstance(arguments, dict):

@@ -1,6 +1,5 @@
 """A whole scenario on one machine: the world that the agents of the protocol live in, and its record."""
 
-from skyrelay.simulation.folder import new_run_folder
 from skyrelay.simulation.run import play
 
-__all__ = ["new_run_folder", "play"]
+__all__ = ["play"]

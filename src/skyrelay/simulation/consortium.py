@@ -16,13 +16,11 @@ from skyrelay.core.scenario import Chain as ChainConfig
 from skyrelay.core.scenario import Scenario
 from skyrelay.policy import Policy, builtin_policies
 from skyrelay.policy.card import Card
+from skyrelay.runfolder.folder import CHAIN, STORE
 from skyrelay.store.cid import Cid
 from skyrelay.store.kubo import KuboStore
 from skyrelay.store.local import LocalStore
 from skyrelay.store.model_store import ModelStore
-
-CHAIN_FOLDER = "chain"
-STORE_FOLDER = "store"
 
 
 class Hangar:
@@ -54,7 +52,7 @@ class Consortium:
     def __init__(self, scenario: Scenario, folder: Path) -> None:
         self._policies = _policies(scenario)
         url = scenario.store.url
-        self.store: ModelStore = KuboStore(url) if url else LocalStore(folder / STORE_FOLDER)
+        self.store: ModelStore = KuboStore(url) if url else LocalStore(folder / STORE)
         self.hangar = Hangar()
         self.chain = _open_chain(scenario.chain, folder)
         self.administrator = self.account("administrator")
@@ -111,7 +109,7 @@ class Consortium:
 
 def _open_chain(config: ChainConfig, folder: Path) -> EmbeddedChain | NodeChain:
     if config.url is None:
-        return EmbeddedChain(folder / CHAIN_FOLDER)
+        return EmbeddedChain(folder / CHAIN)
     keyring = Keyring.open(Path(config.keystore)) if config.keystore else Keyring.ephemeral()
     return NodeChain(config.url, keyring, confirmations=config.confirmations)
 

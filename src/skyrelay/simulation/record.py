@@ -1,4 +1,4 @@
-"""What a run leaves behind, row by row; the columns are `skyrelay.simulation.recorder.SCHEMAS`."""
+"""What a run leaves behind, row by row; the columns are `skyrelay.runfolder.schema.SCHEMAS`."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from skyrelay.chain.abi import Event
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.mobility import Tracks
 from skyrelay.protocol.zone_view import ZoneView
+from skyrelay.runfolder.writer import TableWriter
 from skyrelay.simulation.flight import NOBODY, Measure
-from skyrelay.simulation.recorder import Recorder
 from skyrelay.simulation.team import Team
 from skyrelay.simulation.world import Members
 
@@ -34,14 +34,14 @@ class Record:
     ) -> None:
         self._tracks, self._grid, self._members, self._step_seconds = tracks, grid, members, step_seconds
         self._flying, self._hovering = flying, hovering
-        self._recorder = Recorder()
+        self._tables = TableWriter()
 
     def period(self, period: int, step: int, views: Iterable[ZoneView], name_of: Callable[[str], str]) -> None:
         """The records on the chain that the period's selection works with; ``name_of`` a UAV's address."""
         for view in views:
             uavs = view.uavs
             if len(uavs):
-                self._recorder.add(
+                self._tables.add(
                     "fleet",
                     period=period,
                     uav=[name_of(address) for address in uavs.ids],
@@ -55,7 +55,7 @@ class Record:
         tracks, members = self._tracks, self._members
         rows = np.flatnonzero(np.isfinite(tracks.x[step]))
         x, y = tracks.x[step, rows], tracks.y[step, rows]
-        self._recorder.add(
+        self._tables.add(
             "members",
             period=period,
             vehicle=[tracks.ids[row] for row in rows],
@@ -69,14 +69,14 @@ class Record:
 
     def candidates(self, period: int, vehicle: str, weighed: Mapping[str, float]) -> None:
         """The QoU of each UAV (by name) that a vehicle weighed in a period's first round."""
-        self._recorder.add("candidates", period=period, vehicle=vehicle, uav=list(weighed), qou=list(weighed.values()))
+        self._tables.add("candidates", period=period, vehicle=vehicle, uav=list(weighed), qou=list(weighed.values()))
 
     def proposals(self, proposals: Sequence[Mapping[str, Any]]) -> None:
         """Every proposal of a period, and whether its UAV held on to it to the end."""
         if not proposals:
             return
         same = ("period", "round", "zone", "qou", "qov", "score", "accepted", "order")
-        self._recorder.add(
+        self._tables.add(
             "proposals",
             **{key: [row[key] for row in proposals] for key in same},
             vehicle=[self._tracks.ids[row["vehicle"]] for row in proposals],
@@ -92,7 +92,7 @@ class Record:
         static = {m.zone: m for m in hovering.measure(x, y, count=step > 0)}
         zones = sorted(measured)
         nothing = Measure(0, 0, 0, math.nan, math.nan, math.nan, 0.0)
-        self._recorder.add(
+        self._tables.add(
             "metrics",
             step=step,
             time=step * self._step_seconds,
@@ -109,7 +109,7 @@ class Record:
         )
         rows = np.flatnonzero(np.isfinite(x))
         owner, static_owner = flying.flight.owner[rows], hovering.flight.owner[rows]
-        self._recorder.add(
+        self._tables.add(
             "vehicles",
             step=step,
             vehicle=[self._tracks.ids[row] for row in rows],
@@ -121,7 +121,7 @@ class Record:
             static_uav=[hovering.fleet.ids[row] if row != NOBODY else "" for row in static_owner],
             static_covered=hovering.flight.covered(x, y)[rows],
         )
-        self._recorder.add(
+        self._tables.add(
             "uavs",
             step=step,
             uav=flying.fleet.ids,
@@ -146,7 +146,7 @@ class Record:
             events: of the contract, each with its step.
             accounts: by kind, the address of each name.
         """
-        self._recorder.add(
+        self._tables.add(
             "events",
             block=[event.block for _, event in events],
             tx=[event.transaction for _, event in events],
@@ -156,5 +156,5 @@ class Record:
             args=[json.dumps(event.args) for _, event in events],
         )
         for kind, addresses in accounts.items():
-            self._recorder.add("accounts", name=list(addresses), address=list(addresses.values()), kind=kind)
-        self._recorder.write(folder)
+            self._tables.add("accounts", name=list(addresses), address=list(addresses.values()), kind=kind)
+        self._tables.write(folder)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Callable, Mapping
@@ -26,6 +25,8 @@ from skyrelay.protocol.messages import Fix, Phase, Tick
 from skyrelay.protocol.uav import UavAgent
 from skyrelay.protocol.vehicle import Choice, VehicleAgent
 from skyrelay.protocol.zone_view import ZoneView
+from skyrelay.runfolder.folder import SCENARIO
+from skyrelay.runfolder.writer import write_summary
 from skyrelay.simulation.consortium import Consortium
 from skyrelay.simulation.ledger import Ledger
 from skyrelay.simulation.record import Record
@@ -81,7 +82,7 @@ def play(scenario: Scenario, folder: Path, progress: Progress) -> dict[str, Any]
     begin = time.monotonic()
     progress.stage("Vehicles", 1)
     world = World.of(scenario)
-    write_text(folder / "scenario.toml", to_toml(world.scenario))
+    write_text(folder / SCENARIO, to_toml(world.scenario))
     with Consortium(world.scenario, folder) as consortium:
         run = Run(world, consortium.account)
         agents = world_agents(world, consortium.account, consortium.hangar.load)
@@ -100,7 +101,7 @@ def play(scenario: Scenario, folder: Path, progress: Progress) -> dict[str, Any]
             "wall_seconds": round(time.monotonic() - begin, 3),
         }
         run.record(folder, consortium.parties())
-    write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+    write_summary(folder, summary)
     return summary
 
 

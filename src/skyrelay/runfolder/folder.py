@@ -1,4 +1,4 @@
-"""What may lie where a run folder goes."""
+"""What a run folder's files are called, and where it may be put."""
 
 from __future__ import annotations
 
@@ -8,7 +8,12 @@ from pathlib import Path
 from skyrelay.core.errors import RunFolderError
 from skyrelay.core.folders import new_folder
 
-MARK = "summary.json"
+SCENARIO = "scenario.toml"
+SUMMARY = "summary.json"
+CHAIN = "chain"
+"""Folder of the embedded chain's record."""
+STORE = "store"
+"""Folder of the policies' blocks."""
 
 
 def new_run_folder(path: Path, replace: bool = False) -> AbstractContextManager[Path]:
@@ -22,7 +27,7 @@ def new_run_folder(path: Path, replace: bool = False) -> AbstractContextManager[
     def check(place: Path) -> None:
         if not place.exists():
             return
-        if not place.is_dir() or (any(place.iterdir()) and not (place / MARK).is_file()):
+        if not place.is_dir() or (any(place.iterdir()) and not (place / SUMMARY).is_file()):
             raise RunFolderError(place, None, "a place for a new run folder; something that is no run folder is there")
         if not replace and any(place.iterdir()):
             raise RunFolderError(

@@ -1,7 +1,7 @@
 import pytest
 
 from skyrelay.core.errors import RunFolderError
-from skyrelay.simulation import new_run_folder
+from skyrelay.runfolder import new_run_folder
 
 
 def fill(path, text="{}", replace=False):

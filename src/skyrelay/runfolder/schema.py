@@ -1,16 +1,11 @@
-"""The tables of a run folder: their columns, and how they are gathered and written."""
+"""The record of a run: the columns of its tables and the keys of its summary, defined here and nowhere else."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
-
-from skyrelay.core.files import atomic_path
+from pydantic import BaseModel, ConfigDict, Field
 
 _F32, _F64, _I32, _I64, _TEXT = pa.float32(), pa.float64(), pa.int32(), pa.int64(), pa.string()
 
@@ -114,40 +109,73 @@ SCHEMAS: dict[str, pa.Schema] = {
     "events": pa.schema({"block": _I64, "tx": _I32, "log": _I32, "step": _I32, "name": _TEXT, "args": _TEXT}),
 }
 
+POSITIONS: dict[str, tuple[str, ...]] = {
+    "vehicles": ("x", "y"),
+    "uavs": ("x", "y", "static_x", "static_y"),
+    "fleet": ("x", "y"),
+    "members": ("x", "y"),
+}
+"""Columns that hold a place [m], a finite number."""
 
-class Recorder:
-    """Gathers rows in memory and writes each table whole."""
+MAX_STEPS = 10_000_000
 
-    def __init__(self) -> None:
-        self._batches: dict[str, list[pa.RecordBatch]] = {name: [] for name in SCHEMAS}
+Count = Annotated[int, Field(ge=0)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Measure = Annotated[float, Field(allow_inf_nan=False)]
+Side = Annotated[int, Field(ge=1, le=1000)]
+Text = Annotated[str, Field(max_length=1000)]
 
-    def add(self, table: str, **columns: Sequence[Any] | np.ndarray | float | str | bool) -> None:
-        """Append rows; a scalar stands for all of them."""
-        schema = SCHEMAS[table]
-        lengths = {
-            len(value)
-            for value in columns.values()
-            if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
-        }
-        (count,) = lengths or {1}
-        arrays = []
-        for field in schema:
-            value = columns.pop(field.name)
-            if isinstance(value, np.ndarray | Sequence) and not isinstance(value, str):
-                arrays.append(pa.array(value, field.type, from_pandas=False))
-            else:
-                arrays.append(pa.repeat(pa.scalar(value, field.type), count))
-        if columns:
-            raise KeyError(f"{table} has no column {', '.join(columns)}")
-        self._batches[table].append(pa.RecordBatch.from_arrays(arrays, schema=schema))
 
-    def table(self, name: str) -> pa.Table:
-        """What has been gathered of one table."""
-        return pa.Table.from_batches(self._batches[name], schema=SCHEMAS[name])
+class Grid(BaseModel):
+    """`skyrelay.core.zones.ZoneGrid` as ``summary.json`` has it."""
 
-    def write(self, folder: Path) -> None:
-        """Write every table as ``<name>.parquet``."""
-        for name in SCHEMAS:
-            with atomic_path(folder / f"{name}.parquet") as beside:
-                # The checksums let the audit tell a damaged page from a changed one.
-                pq.write_table(self.table(name), beside, compression="zstd", write_page_checksum=True)
+    model_config = ConfigDict(frozen=True, strict=True)
+
+    x0: Measure
+    y0: Measure
+    side: Positive
+    columns: Side
+    rows: Side
+
+
+class Summary(BaseModel):
+    """``summary.json``; a measure is None where there was nothing to measure."""
+
+    model_config = ConfigDict(frozen=True, strict=True, protected_namespaces=())
+
+    name: Text
+    seed: int
+    vehicles: Count
+    vehicles_per_period: Measure
+    uavs: Count
+    zones: Count
+    periods: Count
+    steps: Annotated[int, Field(ge=1, le=MAX_STEPS)]
+    served: Count
+    served_per_period: Measure
+    static_served_per_period: Measure
+    mean_qou: Measure | None
+    mean_qov: Measure | None
+    coverage: Measure | None
+    connectivity: Measure | None
+    connectivity_neighbor: Measure | None
+    served_mbps: Measure
+    static_coverage: Measure | None
+    static_connectivity: Measure | None
+    static_served_mbps: Measure
+    energy_percent: Measure
+    uavs_retired: Count
+    transactions: Count
+    gas_used: Count
+    blocks: Count
+    chain_head: Text
+    contract: Text
+    chain_url: Text | None
+    model_cids: Annotated[list[Text], Field(max_length=10_000)]
+    range_m: Positive
+    step_seconds: Positive
+    period_steps: Annotated[int, Field(ge=1)]
+    grid: Grid
+    attribution: str = Field("", max_length=10_000, description="whose trace was replayed, and under which licence")
+    chain_seconds: Measure
+    wall_seconds: Measure
