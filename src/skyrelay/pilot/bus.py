@@ -1,0 +1,245 @@
+"""The bus between agents: Eclipse Zenoh peers without a broker; the only place that knows Zenoh.
+
+Endpoints are named, nothing is searched for by multicast. A peer that joins by one endpoint learns of the others there
+(gossip) and links to each directly, so that no peer stands in the way of two others. A link that breaks is made again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import heapq
+import itertools
+import json
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import TracebackType
+
+import zenoh
+
+from skyrelay.core.errors import BusError
+
+LONGEST_MESSAGE = 64 * 1024
+"""Bytes; longer ones are neither sent nor taken."""
+ANY_PORT = "tcp/127.0.0.1:0"
+
+
+def uav_key(contract: str, zone: int | str = "*", uav: str = "*") -> str:
+    """Where a UAV's beacons go; the default is all UAVs' of the contract."""
+    return f"skyrelay/{contract}/{zone}/uav/{uav}"
+
+
+def vehicle_key(contract: str, uav: str = "*", vehicle: str = "*") -> str:
+    """Where a vehicle's beacons to its UAV go; the default is all vehicles' to all UAVs."""
+    return f"skyrelay/{contract}/to/{uav}/vehicle/{vehicle}"
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """A message as it came; who sent it is what its content can prove, not its key."""
+
+    key: str
+    content: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Weather:
+    """Loss and delay put on what a peer takes, for experiments.
+
+    Attributes:
+        loss: share of the messages that do not arrive [0-1].
+        delay: until the others do [s].
+        seed: the same messages are lost to the same receiver each time, in whatever order they come.
+    """
+
+    loss: float = 0.0
+    delay: float = 0.0
+    seed: int = 0
+
+    def loses(self, receiver: str, arrival: Arrival) -> bool:
+        """Whether a message does not reach a receiver: by a hash of both, evenly spread."""
+        if not self.loss:
+            return False
+        text = f"{self.seed} {receiver} {arrival.key} ".encode() + arrival.content
+        return int.from_bytes(hashlib.blake2b(text, digest_size=8).digest(), "big") < self.loss * 2**64
+
+
+class Subscription:
+    """Messages that wait to be taken: a bounded queue from which the oldest fall out.
+
+    Attributes:
+        overflowed: how many fell out before they were taken.
+        oversized: how many were too long to be let in.
+        lost: how many the weather took.
+    """
+
+    def __init__(self, name: str, capacity: int, weather: Weather) -> None:
+        self.overflowed = self.oversized = self.lost = 0
+        self._name, self._capacity, self._weather = name, capacity, weather
+        self._ready: deque[Arrival] = deque()
+        self._late: list[tuple[float, int, Arrival]] = []
+        self._order = itertools.count()
+        self._news = threading.Condition()
+        self._closed = False
+
+    def take(self, timeout: float = 0.0) -> list[Arrival]:
+        """All that has arrived, in order; waits for the first so long [s], and returns nothing after that."""
+        deadline = time.monotonic() + timeout
+        with self._news:
+            while not self._due() and not self._closed:
+                now = time.monotonic()
+                if now >= deadline:
+                    break
+                self._news.wait(min(deadline, self._late[0][0] if self._late else deadline) - now)
+            arrivals = list(self._ready)
+            self._ready.clear()
+        return arrivals
+
+    def wake(self) -> None:
+        """Have whoever waits in `take` return, now and from now on."""
+        with self._news:
+            self._closed = True
+            self._news.notify_all()
+
+    def _due(self) -> bool:
+        """Let in what is late no longer; whether anything is there."""
+        now = time.monotonic()
+        while self._late and self._late[0][0] <= now:
+            self._append(heapq.heappop(self._late)[2])
+        return bool(self._ready)
+
+    def _append(self, arrival: Arrival) -> None:
+        if len(self._ready) >= self._capacity:
+            self._ready.popleft()
+            self.overflowed += 1
+        self._ready.append(arrival)
+
+    def _arrive(self, sample: zenoh.Sample) -> None:
+        """Called from Zenoh's threads."""
+        if len(sample.payload) > LONGEST_MESSAGE:
+            with self._news:
+                self.oversized += 1
+            return
+        arrival = Arrival(str(sample.key_expr), sample.payload.to_bytes())
+        with self._news:
+            if self._weather.loses(self._name, arrival):
+                self.lost += 1
+                return
+            if self._weather.delay:
+                if len(self._late) >= self._capacity:
+                    heapq.heappop(self._late)
+                    self.overflowed += 1
+                heapq.heappush(self._late, (time.monotonic() + self._weather.delay, next(self._order), arrival))
+            else:
+                self._append(arrival)
+            self._news.notify_all()
+
+
+class Bus:
+    """A peer.
+
+    Args:
+        name: tells this peer's share of the `Weather` from others'.
+        connect: endpoints of peers to join by, e.g. ``tcp/192.0.2.1:7447``; tried again whenever a link breaks.
+        listen: endpoints that others join by; on several hosts it must be an address that the others reach.
+        weather: put on all that it takes.
+        patience: until the first link to one of ``connect`` stands [s].
+    Raises:
+        BusError: an endpoint is none, is taken, or nobody is there within ``patience``.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        connect: Sequence[str] = (),
+        listen: Sequence[str] = (ANY_PORT,),
+        *,
+        weather: Weather | None = None,
+        patience: float = 10.0,
+    ) -> None:
+        self._name = name
+        self._weather = weather or Weather()
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._subscriptions: list[Subscription] = []
+        self._declared_subscribers: list[zenoh.Subscriber[None]] = []
+        config = zenoh.Config()
+        settings = {
+            "mode": "peer",
+            "scouting/multicast/enabled": False,
+            "listen/endpoints": list(listen),
+            "connect/endpoints": list(connect),
+            "connect/timeout_ms": round(1000 * patience),
+            "connect/exit_on_failure": True,
+            "transport/link/rx/max_message_size": 16 * LONGEST_MESSAGE,
+        }
+        for key, value in settings.items():
+            config.insert_json5(key, json.dumps(value))
+        try:
+            self._session = zenoh.open(config)
+        except zenoh.ZError as error:
+            place = f"bus: connect {', '.join(connect)}" if connect else f"bus: listen {', '.join(listen)}"
+            reason = str(error).split(" at /")[0].rstrip(". ")
+            wanted = f"a peer that answers within {patience:g} s" if connect else "an endpoint that is free"
+            raise BusError(place, None, f"{wanted} ({reason})") from None
+
+    @property
+    def peers(self) -> int:
+        """How many others this one is linked to."""
+        return len(self._session.info.peers_zid())
+
+    def publish(self, key: str, content: bytes) -> None:
+        """Send to all who subscribe to a matching expression; who is out of reach misses it.
+
+        Raises:
+            BusError: the message is too long, or the key is none.
+        """
+        if len(content) > LONGEST_MESSAGE:
+            raise BusError(f"bus: message to {key}", f"{len(content)} bytes", f"at most {LONGEST_MESSAGE}")
+        publisher = self._publishers.get(key)
+        if publisher is None:
+            publisher = self._publishers[key] = self._declared(key)
+        publisher.put(content)
+
+    def subscribe(self, expression: str, capacity: int = 4096) -> Subscription:
+        """Hear what is published by others under a key expression, e.g. ``skyrelay/*/7/uav/*``.
+
+        Args:
+            capacity: messages that may wait; the oldest make room.
+        Raises:
+            BusError: the expression is none.
+        """
+        subscription = Subscription(self._name, capacity, self._weather)
+        try:
+            self._session.declare_subscriber(expression, subscription._arrive, allowed_origin=zenoh.Locality.REMOTE)
+        except zenoh.ZError as error:
+            raise BusError(
+                "bus: key expression", expression, f"one of Zenoh's ({str(error).split(' at /')[0]})"
+            ) from None
+        self._subscriptions.append(subscription)
+        return subscription
+
+    def close(self) -> None:
+        """Leave; the others see it."""
+        for subscription in self._subscriptions:
+            subscription.wake()
+        self._session.close()  # type: ignore[no-untyped-call]
+
+    def __enter__(self) -> Bus:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _declared(self, key: str) -> zenoh.Publisher:
+        try:
+            return self._session.declare_publisher(
+                key,
+                congestion_control=zenoh.CongestionControl.DROP,  # a slow hearer shall not hold up the radio
+                express=True,  # news is worth more than packing
+            )
+        except zenoh.ZError as error:
+            raise BusError("bus: key", key, f"one of Zenoh's ({str(error).split(' at /')[0]})") from None

@@ -1,0 +1,33 @@
+"""What the pilot's tests share: processes that end with the test."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))  # for `processes`
+
+
+@pytest.fixture
+def start():
+    """Start Python processes; they are killed when the test is over."""
+    processes = []
+
+    def begin(*arguments, **options):
+        process = subprocess.Popen(
+            [sys.executable, *map(str, arguments)],
+            env=os.environ | options.pop("env", {}),
+            stdout=subprocess.PIPE,
+            text=True,
+            **options,
+        )
+        processes.append(process)
+        return process
+
+    yield begin
+    for process in processes:
+        process.kill()
+        process.wait()
+        process.stdout.close()

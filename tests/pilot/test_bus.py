@@ -1,0 +1,178 @@
+"""The bus between real Zenoh peers on loopback, in this process and in others."""
+
+import time
+
+import pytest
+from processes import free_port, until
+
+from skyrelay.core.errors import BusError
+from skyrelay.pilot.bus import LONGEST_MESSAGE, Arrival, Bus, Weather, uav_key, vehicle_key
+
+CONTRACT, UAV, OTHER, VEHICLE = "0xc0", "0xaa", "0xbb", "0xee"
+HELLO = b"hello?"
+
+
+@pytest.fixture
+def bus():
+    """Opens peers, and closes them after the test."""
+    opened = []
+
+    def begin(name, connect=(), **options):
+        opened.append(Bus(name, connect, **options))
+        return opened[-1]
+
+    yield begin
+    for peer in opened:
+        peer.close()
+
+
+def endpoint():
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+def collect(subscription, count):
+    """So many messages, however they come in; what `linked` sent does not count."""
+    got = []
+    until(lambda: got.extend(a for a in subscription.take(0.2) if a.content != HELLO) or len(got) >= count)
+    return got
+
+
+def linked(publisher, key, subscription):
+    """Publish until the first message is through: from then on every one is."""
+    until(lambda: publisher.publish(key, HELLO) or subscription.take(0.05))
+
+
+def test_a_message_comes_to_those_whose_expression_matches(bus):
+    meeting = endpoint()
+    hub = bus("hub", listen=[meeting])
+    sender = bus("sender", [meeting])
+    zone_one = hub.subscribe(uav_key(CONTRACT, 1))
+    own = hub.subscribe(vehicle_key(CONTRACT, UAV))
+    linked(sender, uav_key(CONTRACT, 1, UAV), zone_one)
+    sender.publish(uav_key(CONTRACT, 2, UAV), b"another zone")
+    sender.publish(vehicle_key(CONTRACT, OTHER, VEHICLE), b"another uav")
+    sender.publish(vehicle_key(CONTRACT, UAV, VEHICLE), b"to you")
+    sender.publish(uav_key(CONTRACT, 1, UAV), b"here")
+    assert collect(zone_one, 1) == [Arrival(uav_key(CONTRACT, 1, UAV), b"here")]
+    assert collect(own, 1) == [Arrival(vehicle_key(CONTRACT, UAV, VEHICLE), b"to you")]
+
+
+def test_peers_that_met_at_one_endpoint_talk_on_without_it(bus):
+    meeting = endpoint()
+    hub = bus("hub", listen=[meeting])
+    one, two = bus("one", [meeting]), bus("two", [meeting])
+    until(lambda: one.peers == two.peers == 2)
+    heard = two.subscribe("skyrelay/**")
+    linked(one, "skyrelay/x", heard)
+    hub.close()
+    until(lambda: one.peers == two.peers == 1)
+    one.publish("skyrelay/x", b"still here")
+    assert collect(heard, 1) == [Arrival("skyrelay/x", b"still here")]
+
+
+HUB = """
+import sys
+from skyrelay.pilot.bus import Bus
+with Bus("hub", listen=[sys.argv[1]]) as bus:
+    heard = bus.subscribe("skyrelay/**")
+    print("ready", flush=True)
+    while True:
+        for arrival in heard.take(1.0):
+            bus.publish("echo/" + arrival.key, arrival.content)
+"""
+
+
+def test_a_peer_that_is_killed_and_comes_back_is_linked_again(bus, start):
+    meeting = endpoint()
+    first = start("-c", HUB, meeting)
+    assert first.stdout.readline() == "ready\n"
+    peer = bus("peer", [meeting])
+    echo = peer.subscribe("echo/**")
+    linked(peer, "skyrelay/x", echo)
+    first.kill()
+    until(lambda: peer.peers == 0)
+    peer.publish("skyrelay/x", b"nobody hears this")
+    second = start("-c", HUB, meeting)
+    assert second.stdout.readline() == "ready\n"
+    linked(peer, "skyrelay/x", echo)
+    peer.publish("skyrelay/x", b"again")
+    assert collect(echo, 1)[-1].content == b"again"
+
+
+def test_nobody_at_the_endpoint_is_one_clear_line():
+    nowhere = endpoint()
+    with pytest.raises(BusError, match=f"bus: connect {nowhere}: expected a peer that answers within 0.3 s") as caught:
+        Bus("peer", [nowhere], patience=0.3)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_endpoint_that_is_taken_or_none(bus):
+    meeting = endpoint()
+    bus("hub", listen=[meeting])
+    with pytest.raises(BusError, match=r"an endpoint that is free .*Address already in use"):
+        Bus("second", listen=[meeting])
+    with pytest.raises(BusError, match="invalid socket address"):
+        Bus("typo", listen=["tcp/nonsense"])
+
+
+def test_what_nobody_takes_makes_room_oldest_first(bus):
+    meeting = endpoint()
+    hub, sender = bus("hub", listen=[meeting]), bus("sender", [meeting])
+    few, all_ = hub.subscribe("skyrelay/**", capacity=5), hub.subscribe("skyrelay/**")
+    linked(sender, "skyrelay/x", all_)
+    for number in range(20):
+        sender.publish("skyrelay/x", bytes([number]))
+    collect(all_, 20)
+    until(lambda: few.overflowed >= 15)
+    assert [arrival.content[0] for arrival in few.take()] == [15, 16, 17, 18, 19]
+
+
+def test_a_message_has_a_longest_length(bus):
+    meeting = endpoint()
+    hub, sender = bus("hub", listen=[meeting]), bus("sender", [meeting])
+    heard = hub.subscribe("skyrelay/**")
+    linked(sender, "skyrelay/x", heard)
+    sender.publish("skyrelay/x", bytes(LONGEST_MESSAGE))
+    assert len(collect(heard, 1)[0].content) == LONGEST_MESSAGE
+    with pytest.raises(BusError, match=f"at most {LONGEST_MESSAGE}"):
+        sender.publish("skyrelay/x", bytes(LONGEST_MESSAGE + 1))
+    sender._declared("skyrelay/x").put(bytes(LONGEST_MESSAGE + 1))  # as one that does not keep to it
+    until(lambda: heard.oversized == 1)
+    assert {arrival.content for arrival in heard.take()} <= {HELLO}
+
+
+def test_keys_that_are_none(bus):
+    peer = bus("peer", listen=[endpoint()])
+    with pytest.raises(BusError, match="bus: key"):
+        peer.publish("skyrelay//x", b"")
+    with pytest.raises(BusError, match="bus: key expression"):
+        peer.subscribe("skyrelay/**x")
+
+
+def test_the_weather_takes_its_share_and_the_same_each_time():
+    weather = Weather(loss=0.1, seed=3)
+    arrivals = [Arrival("skyrelay/x", number.to_bytes(4, "big")) for number in range(5000)]
+    lost = [arrival for arrival in arrivals if weather.loses("one", arrival)]
+    assert 0.08 < len(lost) / len(arrivals) < 0.12
+    assert lost == [arrival for arrival in arrivals if weather.loses("one", arrival)]
+    assert lost != [arrival for arrival in arrivals if weather.loses("two", arrival)]
+    assert lost != [arrival for arrival in arrivals if Weather(loss=0.1, seed=4).loses("one", arrival)]
+
+
+def test_weather_on_a_link(bus):
+    meeting = endpoint()
+    hub = bus("hub", listen=[meeting])
+    stormy = bus("stormy", [meeting], weather=Weather(loss=0.3, delay=0.2, seed=1))
+    clear = bus("clear", [meeting])
+    heard, all_ = stormy.subscribe("skyrelay/**"), clear.subscribe("skyrelay/**")
+    linked(hub, "skyrelay/x", all_)
+    linked(hub, "skyrelay/x", heard)
+    contents = [bytes([7, number]) for number in range(100)]
+    begin = time.monotonic()
+    for content in contents:
+        hub.publish("skyrelay/x", content)
+    expected = [c for c in contents if not Weather(loss=0.3, seed=1).loses("stormy", Arrival("skyrelay/x", c))]
+    assert [arrival.content for arrival in collect(heard, len(expected))] == expected
+    assert time.monotonic() - begin >= 0.2
+    assert heard.lost >= 100 - len(expected) > 0
+    assert {arrival.content for arrival in collect(all_, 100)} >= set(contents)
