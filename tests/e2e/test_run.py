@@ -54,9 +54,38 @@ def test_the_figures_follow_from_the_tables(small_run):
     assert summary(small_run)["coverage"] == pytest.approx(counted.covered.mean(), abs=1e-6)
     area = metrics[(metrics.zone == 0) & (metrics.step > 0)]
     assert summary(small_run)["connectivity"] == pytest.approx(area.connectivity.mean(), abs=1e-6)
+    hovering = vehicles[(vehicles.step > 0) & (vehicles.static_uav != "")]
+    assert summary(small_run)["static_coverage"] == pytest.approx(hovering.static_covered.mean(), abs=1e-6)
+    moved = vehicles[vehicles.step > 0].groupby("step")
+    assert summary(small_run)["connected"] == pytest.approx(moved.size().mean(), abs=1e-6)
+    assert summary(small_run)["in_range"] == pytest.approx(moved.covered.sum().mean(), abs=1e-6)
+    assert summary(small_run)["static_in_range"] == pytest.approx(moved.static_covered.sum().mean(), abs=1e-6)
+    shares = vehicles[vehicles.step > 0][["covered", "static_covered"]].mean()
+    assert summary(small_run)["in_range_share"] == pytest.approx(shares.covered, abs=1e-6)
+    assert summary(small_run)["static_in_range_share"] == pytest.approx(shares.static_covered, abs=1e-6)
+    demand = table(small_run, "members").groupby("vehicle").demand_kbps.first()
+    mbps = demand.reindex(vehicles.vehicle).fillna(0).to_numpy() / 1000  # who came between selections has no UAV
+    for kind, name in (("covered", "served_mbps"), ("static_covered", "static_served_mbps")):
+        series = (mbps * vehicles[kind]).groupby(vehicles.step).sum()
+        assert metrics[metrics.zone == 0].set_index("step")[name].to_numpy() == pytest.approx(series.to_numpy())
+        assert summary(small_run)[name] == pytest.approx(series[1:].mean(), abs=1e-5)
     accepted = proposals[proposals.accepted]
     assert summary(small_run)["mean_qou"] == pytest.approx(accepted.qou.mean(), abs=1e-6)
     assert summary(small_run)["served"] == accepted.vehicle.nunique()
+
+
+def test_the_battery_of_a_zone_is_that_of_its_own_uavs_in_the_air(small_run):
+    metrics, uavs = table(small_run, "metrics"), table(small_run, "uavs")
+    air = uavs[uavs.zone > 0]
+    assert len(air) < len(uavs)
+    by_zone, whole = air.groupby(["step", "zone"]).battery.mean(), air.groupby("step").battery.mean()
+    seen = set()
+    for row in metrics.itertuples():
+        expected = whole.get(row.step) if row.zone == 0 else by_zone.get((row.step, row.zone), np.nan)
+        assert row.energy_percent == pytest.approx(expected, abs=1e-4, nan_ok=True)
+        seen.add(round(row.energy_percent, 3))
+    assert len(seen) > metrics.step.nunique()  # not one figure for all zones
+    assert summary(small_run)["energy_percent"] == pytest.approx(whole.iloc[-1], abs=1e-4)
 
 
 def test_covered_means_inside_the_range_of_the_own_uav(small_run):
@@ -178,7 +207,7 @@ def test_batteries_run_out_and_selection_replaces_the_uav(tmp_path, play, run):
 def test_a_run_with_nobody_to_serve_is_a_run(tmp_path, play, run):
     folder = play(tmp_path / "run", "fleet.bandwidth=[0, 0]")
     found = summary(folder)
-    assert (found["served"], found["mean_qou"], found["coverage"], found["model_cids"]) == (0, None, 1.0, [])
+    assert (found["served"], found["mean_qou"], found["coverage"], found["model_cids"]) == (0, None, None, [])
     assert run("audit", folder) == 0
 
 

@@ -12,6 +12,12 @@ import pyarrow.parquet as pq
 
 from skyrelay.core.scenario import to_toml, validate
 from skyrelay.core.zones import ZoneGrid
+from skyrelay.runfolder.figures import over_the_run
+
+METRICS = (
+    "step time zone connected vehicles covered coverage connectivity connectivity_neighbor served_mbps energy_percent "
+    "static_vehicles static_covered static_coverage static_connectivity static_served_mbps"
+)
 
 Tracks = dict[str, dict[int, tuple[float, float]]]
 """By vehicle: its position [m] at each step at which it is present."""
@@ -123,8 +129,10 @@ def write_run_folder(
             ]
             served_mbps = sum(demand[name] for name in mine if covered[name]) / 1000
             metric_rows.append((
-                step, step * 2.0, one, len(mine), inside, inside / len(mine) if mine else 1.0, links[0], links[1],
-                served_mbps, float(battery.mean()), static_inside / len(static_mine) if static_mine else 1.0, links[2],
+                step, step * 2.0, one, sum(one in (0, zones[name]) for name in here), len(mine), inside,
+                inside / len(mine) if mine else 1.0, links[0], links[1], served_mbps, float(battery.mean()),
+                len(static_mine), static_inside, static_inside / len(static_mine) if static_mine else 1.0, links[2],
+                sum(demand[name] for name in static_mine if static_covered[name]) / 1000,
             ))  # fmt: skip
 
     path.mkdir(parents=True, exist_ok=True)
@@ -136,8 +144,7 @@ def write_run_folder(
     _write(path / "accounts.parquet", [(*pair, "member") for pair in address.items()], "name address kind")
     _write(
         path / "metrics.parquet", metric_rows,
-        "step time zone vehicles covered coverage connectivity connectivity_neighbor served_mbps energy_percent "
-        "static_coverage static_connectivity",
+        METRICS,
     )  # fmt: skip
     _write(
         path / "proposals.parquet",
@@ -148,23 +155,14 @@ def write_run_folder(
     (path / "scenario.toml").write_text(
         to_toml(validate({"name": "bologna", "seed": seed, "fleet": {"uavs": uavs}})), encoding="utf-8"
     )
-    measured = {
-        "coverage": 5,
-        "connectivity": 6,
-        "connectivity_neighbor": 7,
-        "static_coverage": 10,
-        "static_connectivity": 11,
-    }
-    whole = {name: np.mean([row[place] for row in metric_rows if row[2] == 0]) for name, place in measured.items()}
     summary = {
         "name": "bologna", "seed": seed, "vehicles": len(tracks),
         "vehicles_per_period": float(len(tracks)), "uavs": uavs, "zones": side * side,
         "periods": -(-steps // period_steps), "steps": steps,
         "served": len({row[3] for row in proposal_rows if row[9]}),
-        "served_per_period": 20.0, "static_served_per_period": 20.0, "served_mbps": 40.0, "static_served_mbps": 30.0,
-        "energy_percent": float(battery.mean()), "uavs_retired": 1, "chain_url": None,
+        "served_per_period": 20.0, "static_served_per_period": 20.0, "uavs_retired": 1, "chain_url": None,
         "mean_qou": float(np.mean([row[5] for row in proposal_rows])), "mean_qov": 58.4,
-        **{name: float(value) for name, value in whole.items()},
+        **over_the_run({name: np.array([row[i] for row in metric_rows]) for i, name in enumerate(METRICS.split())}),
         "transactions": len(event_rows), "gas_used": len(event_rows) * 81_234, "blocks": block,
         "chain_seconds": 3.2, "wall_seconds": 17.8,
         "model_cids": ["bafkreigh2akiscaildcqabsyg3dfr6chu3fgpregiymsck7e7aqa4s52zy"],

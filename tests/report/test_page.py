@@ -17,8 +17,9 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 
-from skyrelay.report import write_figures, write_report
+from skyrelay.report import figures, write_figures, write_report
 from skyrelay.report.payload import COLOURS, _quantised, encode
 from skyrelay.runfolder import read_run
 
@@ -127,7 +128,8 @@ def test_header_says_the_summary(recorded: Path) -> None:
     for expected in (
         f"{100 * summary['coverage']:.1f}\u00a0%",
         f"{100 * summary['static_connectivity']:.1f}\u00a0%",
-        f"{summary['served']} of {summary['vehicles']} connected vehicles",
+        f"Of {summary['vehicles_per_period']:.0f} connected vehicles at a time",
+        f"keep {summary['in_range']:.0f} of them in range ({summary['static_in_range']:.0f} if the fleet hovered",
         summary["chain_head"],
         summary["contract"],
         *summary["model_cids"],
@@ -170,3 +172,25 @@ def test_a_run_without_a_single_vehicle_or_event(recorded: Path, tmp_path: Path)
     (run / "summary.json").write_text(json.dumps(summary | none))
     assert "–" in write_report(run).read_text(encoding="utf-8")
     assert len(write_figures(run)) == 10
+
+
+def test_the_charts_tell_the_figures_of_the_summary(recorded: Path) -> None:
+    run = read_run(recorded)
+    figure = Figure()
+    for draw, names in (
+        (figures._coverage, ["coverage", "static_coverage"]),
+        (figures._connectivity, ["connectivity", "connectivity_neighbor", "static_connectivity"]),
+        (figures._bandwidth, ["served_mbps", "static_served_mbps"]),
+    ):
+        axes = figure.subplots()
+        draw(run, axes)
+        told = [text.get_text() for text in axes.get_legend().get_texts()]
+        wanted = [getattr(run.summary, name) for name in names]
+        percent = draw is not figures._bandwidth
+        assert [float(re.findall(r"\(([\d.]+) ", text)[0]) for text in told] == [
+            round(value * (100 if percent else 1), 1) for value in wanted
+        ]
+        figure.clear()
+    axes = figure.subplots()
+    figures._selection(run, axes)
+    assert axes.get_ylabel()

@@ -63,16 +63,30 @@ def _lines(s: Mapping[str, Any], folder: Path) -> Iterator[tuple[str, str]]:
     qualities = "" if s["mean_qou"] is None else f"; mean QoU {s['mean_qou']:.1f}, mean QoV {s['mean_qov']:.1f}"
     yield "Selection", f"{s['periods']} periods, {s['served_per_period']:,.0f} vehicles served at a time{qualities}"
     yield (
+        "In range",
+        f"{_count(s['in_range'])} of {_count(s['connected'])} connected vehicles at a time "
+        f"({_count(s['static_in_range'])} if UAVs hovered)",
+    )
+    yield (
         "Coverage",
-        f"{s['coverage']:.1%} of the served vehicles in range ({s['static_coverage']:.1%} if UAVs hovered)",
+        f"{_share(s['coverage'])} of the served vehicles in range ({_share(s['static_coverage'])} of those served if "
+        "UAVs hovered)",
     )
     yield (
         "Connectivity",
-        f"{s['connectivity']:.1%} of the time a team is linked ({s['static_connectivity']:.1%}); "
-        f"every UAV has a neighbour {s['connectivity_neighbor']:.1%}",
+        f"{_share(s['connectivity'])} of the time a team is linked ({_share(s['static_connectivity'])}); "
+        f"every UAV has a neighbour {_share(s['connectivity_neighbor'])}",
     )
-    yield "Bandwidth", f"{s['served_mbps']:,.0f} Mbit/s in range ({s['static_served_mbps']:,.0f})"
+    yield "Bandwidth", f"{_count(s['served_mbps'])} Mbit/s in range ({_count(s['static_served_mbps'])})"
     yield "Chain", f"{s['transactions']:,} transactions, {s['gas_used']:,} gas, {s['blocks']} blocks"
     yield "Policies", ", ".join(s["model_cids"]) or "none was needed"
     yield "Time", f"{s['wall_seconds']:.1f} s, {s['chain_seconds']:.1f} s of it on the chain"
     yield "Report", f"{folder / 'report.html'}: open it in a browser"
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1%}"
+
+
+def _count(value: float | None) -> str:
+    return "-" if value is None else f"{value:,.0f}"

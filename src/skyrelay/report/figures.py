@@ -73,7 +73,12 @@ def _connectivity(run: Run, axes: Axes) -> None:
 
 
 def _bandwidth(run: Run, axes: Axes) -> None:
-    axes.plot(_time(run), run.metric("served_mbps"), color=LEARNED)
+    _lines(
+        run,
+        axes,
+        [("served_mbps", "learned", LEARNED, "-"), ("static_served_mbps", "hovering", STATIC, "--")],
+        unit="Mbit/s",
+    )
     axes.set_ylim(bottom=0)
     axes.set_ylabel("served bandwidth [Mbit/s]")
 
@@ -81,7 +86,7 @@ def _bandwidth(run: Run, axes: Axes) -> None:
 def _energy(run: Run, axes: Axes) -> None:
     axes.plot(_time(run), run.metric("energy_percent"), color=LEARNED)
     axes.set_ylim(0, 100)
-    axes.set_ylabel("mean battery of the fleet [%]")
+    axes.set_ylabel("mean battery of the UAVs in the air [%]")
 
 
 def _selection(run: Run, axes: Axes) -> None:
@@ -104,19 +109,17 @@ def _selection(run: Run, axes: Axes) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(visible=False, axis="x")
     axes.set_xlabel("selection period")
+    axes.set_ylabel("vehicles or UAVs in a period")
     _legend(axes)
 
 
-def _lines(run: Run, axes: Axes, lines: list[tuple[str, str, str, str]]) -> None:
+def _lines(run: Run, axes: Axes, lines: list[tuple[str, str, str, str]], unit: str = "%") -> None:
+    """Metrics over time; the legend has the figures over the run that ``summary.json`` has."""
+    scale = 100 if unit == "%" else 1
     for name, label, colour, style in lines:
-        mean = np.nanmean(run.metric(name)) if np.isfinite(run.metric(name)).any() else np.nan
-        axes.plot(
-            _time(run),
-            100 * run.metric(name),
-            color=colour,
-            linestyle=style,
-            label=f"{label} (mean {100 * mean:.1f} %)",
-        )
+        whole = getattr(run.summary, name)
+        told = "" if whole is None else f" ({scale * whole:.1f} {unit} over the run)"
+        axes.plot(_time(run), scale * run.metric(name), color=colour, linestyle=style, label=label + told)
     _legend(axes)
 
 

@@ -54,13 +54,15 @@ def sentence(run: Run) -> str:
     summary = run.summary
     seconds = summary.period_steps * summary.step_seconds
     start = (
-        f"{summary.served:,} of {summary.vehicles:,} connected vehicles are served by UAVs, chosen on chain "
-        f"every {seconds:g} s from a fleet of {summary.uavs:,}."
+        f"Of {_count(summary.vehicles_per_period)} connected vehicles at a time, {_count(summary.served_per_period)} "
+        f"get a UAV, chosen on chain every {seconds:g} s from a fleet of {summary.uavs:,}."
     )
-    if summary.coverage is None or summary.static_coverage is None:
+    if summary.in_range is None or summary.static_in_range is None:
         return start
-    learned, hovering = _percent(summary.coverage), _percent(summary.static_coverage)
-    middle = f" Flying a learned policy, they keep {learned} of them in range ({hovering} if hovering)"
+    middle = (
+        f" Flying a learned policy, the UAVs keep {_count(summary.in_range)} of them in range "
+        f"({_count(summary.static_in_range)} if the fleet hovered and chose from where it hovers)"
+    )
     if summary.connectivity is None:
         return f"{start}{middle}."
     return f"{start}{middle} and their teams linked {_percent(summary.connectivity)} of the time."
@@ -68,9 +70,13 @@ def sentence(run: Run) -> str:
 
 def _tiles(summary: Summary) -> str:
     tiles = [
-        ("Coverage", _percent(summary.coverage), f"hovering {_percent(summary.static_coverage)}"),
+        (
+            "In range",
+            f"{_count(summary.in_range)} of {_count(summary.connected)}",
+            f"connected vehicles at a time; hovering {_count(summary.static_in_range)}",
+        ),
+        ("Coverage of those served", _percent(summary.coverage), f"hovering {_percent(summary.static_coverage)}"),
         ("Connectivity", _percent(summary.connectivity), f"hovering {_percent(summary.static_connectivity)}"),
-        ("Vehicles served", f"{summary.served:,}", f"of {summary.vehicles:,} connected"),
         ("Mean QoU · QoV", f"{_number(summary.mean_qou)} · {_number(summary.mean_qov)}", "of 100"),
         ("Transactions", f"{summary.transactions:,}", f"in {summary.blocks:,} blocks"),
         ("Gas", _short(summary.gas_used), f"{_short(summary.gas_used / max(summary.transactions, 1))} a transaction"),
@@ -127,6 +133,10 @@ def _hash(text: str) -> str:
 
 def _percent(share: float | None) -> str:
     return "–" if share is None else f"{100 * share:.1f}\u00a0%"
+
+
+def _count(value: float | None) -> str:
+    return "–" if value is None else f"{value:,.0f}"
 
 
 def _number(value: float | None) -> str:

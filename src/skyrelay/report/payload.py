@@ -34,6 +34,7 @@ _METRICS = (
     "energy_percent",
     "static_coverage",
     "static_connectivity",
+    "static_served_mbps",
 )
 _TYPES = {"u1": "Uint8Array", "u2": "Uint16Array", "i4": "Int32Array", "f4": "Float32Array"}
 

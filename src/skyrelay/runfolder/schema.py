@@ -42,12 +42,14 @@ SCHEMAS: dict[str, pa.Schema] = {
             "static_selected": pa.bool_(),
         }
     ),
-    # One row for each zone with a team at a step, and one with zone 0 for the whole area.
+    # One row for each zone with a team at a step, and one with zone 0 for the whole area. connected: vehicles that are
+    # there; vehicles: those of them that the zone's UAVs serve, wherever these vehicles are by now.
     "metrics": pa.schema(
         {
             "step": _I32,
             "time": _F64,
             "zone": _I32,
+            "connected": _I32,
             "vehicles": _I32,
             "covered": _I32,
             "coverage": _F64,
@@ -55,8 +57,11 @@ SCHEMAS: dict[str, pa.Schema] = {
             "connectivity_neighbor": _F64,
             "served_mbps": _F64,
             "energy_percent": _F64,
+            "static_vehicles": _I32,
+            "static_covered": _I32,
             "static_coverage": _F64,
             "static_connectivity": _F64,
+            "static_served_mbps": _F64,
         }
     ),
     # One row for each submitVehSelection(), in the order of submission.
@@ -156,14 +161,19 @@ class Summary(BaseModel):
     static_served_per_period: Measure
     mean_qou: Measure | None
     mean_qov: Measure | None
+    connected: Measure | None
+    in_range: Measure | None
+    in_range_share: Measure | None
     coverage: Measure | None
     connectivity: Measure | None
     connectivity_neighbor: Measure | None
-    served_mbps: Measure
+    served_mbps: Measure | None
+    static_in_range: Measure | None
+    static_in_range_share: Measure | None
     static_coverage: Measure | None
     static_connectivity: Measure | None
-    static_served_mbps: Measure
-    energy_percent: Measure
+    static_served_mbps: Measure | None
+    energy_percent: Measure | None
     uavs_retired: Count
     transactions: Count
     gas_used: Count

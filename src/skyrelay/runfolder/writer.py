@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -45,6 +46,11 @@ class TableWriter:
     def table(self, name: str) -> pa.Table:
         """What has been gathered of one table."""
         return pa.Table.from_batches(self._batches[name], schema=SCHEMAS[name])
+
+    def columns(self, name: str) -> dict[str, npt.NDArray[Any]]:
+        """The same as arrays."""
+        table = self.table(name)
+        return {column: table[column].to_numpy() for column in table.column_names}
 
     def write(self, folder: Path) -> None:
         """Write every table as ``<name>.parquet``."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -27,6 +28,7 @@ class Measure:
         connectivity: 1 where a path of links joins the team; over the area, the mean over teams of two or more.
         connectivity_neighbor: 1 where each UAV has another in range; likewise.
         served_mbps: requested bandwidth of the covered vehicles [Mbit/s].
+        battery: mean of the zone's UAVs in the air [%], NaN where none is.
     """
 
     zone: int
@@ -36,6 +38,7 @@ class Measure:
     connectivity: float
     connectivity_neighbor: float
     served_mbps: float
+    battery: float
 
 
 class Flight:
@@ -132,4 +135,7 @@ class Flight:
     ) -> Measure:
         vehicles, inside = int(served.sum()), int(covered.sum())
         share = inside / vehicles if vehicles else 1.0
-        return Measure(zone, vehicles, inside, share, path, neighbor, float(self._demand[covered].sum()) / 1000.0)
+        mbps = float(self._demand[covered].sum()) / 1000.0
+        air = (self.fleet.zone == zone) if zone else (self.fleet.zone > 0)
+        battery = float(self.fleet.battery[air].mean()) if air.any() else math.nan
+        return Measure(zone, vehicles, inside, share, path, neighbor, mbps, battery)

@@ -14,6 +14,7 @@ from skyrelay.chain.abi import Event
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.mobility import Tracks
 from skyrelay.protocol.zone_view import ZoneView
+from skyrelay.runfolder.figures import over_the_run
 from skyrelay.runfolder.writer import TableWriter
 from skyrelay.simulation.flight import NOBODY, Measure
 from skyrelay.simulation.team import Team
@@ -88,26 +89,31 @@ class Record:
         """Everyone's place at a step, and how well every zone is served."""
         x, y = self._tracks.x[step], self._tracks.y[step]
         flying, hovering = self._flying, self._hovering
-        measured = {m.zone: m for m in flying.measure(x, y, count=step > 0)}
-        static = {m.zone: m for m in hovering.measure(x, y, count=step > 0)}
+        measured = {m.zone: m for m in flying.measure(x, y)}
+        static = {m.zone: m for m in hovering.measure(x, y)}
         zones = sorted(measured)
-        nothing = Measure(0, 0, 0, math.nan, math.nan, math.nan, 0.0)
+        nothing = Measure(0, 0, 0, math.nan, math.nan, math.nan, 0.0, math.nan)
+        rows = np.flatnonzero(np.isfinite(x))
+        at = self._grid.zone_of(x[rows], y[rows])
         self._tables.add(
             "metrics",
             step=step,
             time=step * self._step_seconds,
             zone=zones,
+            connected=[int((at == zone).sum()) if zone else len(rows) for zone in zones],
             vehicles=[measured[zone].vehicles for zone in zones],
             covered=[measured[zone].covered for zone in zones],
             coverage=[measured[zone].coverage for zone in zones],
             connectivity=[measured[zone].connectivity for zone in zones],
             connectivity_neighbor=[measured[zone].connectivity_neighbor for zone in zones],
             served_mbps=[measured[zone].served_mbps for zone in zones],
-            energy_percent=float(flying.fleet.battery.mean()),
+            energy_percent=[measured[zone].battery for zone in zones],
+            static_vehicles=[static.get(zone, nothing).vehicles for zone in zones],
+            static_covered=[static.get(zone, nothing).covered for zone in zones],
             static_coverage=[static.get(zone, nothing).coverage for zone in zones],
             static_connectivity=[static.get(zone, nothing).connectivity for zone in zones],
+            static_served_mbps=[static.get(zone, nothing).served_mbps for zone in zones],
         )
-        rows = np.flatnonzero(np.isfinite(x))
         owner, static_owner = flying.flight.owner[rows], hovering.flight.owner[rows]
         self._tables.add(
             "vehicles",
@@ -115,7 +121,7 @@ class Record:
             vehicle=[self._tracks.ids[row] for row in rows],
             x=x[rows],
             y=y[rows],
-            zone=self._grid.zone_of(x[rows], y[rows]),
+            zone=at,
             uav=[flying.fleet.ids[row] if row != NOBODY else "" for row in owner],
             covered=flying.flight.covered(x, y)[rows],
             static_uav=[hovering.fleet.ids[row] if row != NOBODY else "" for row in static_owner],
@@ -136,6 +142,10 @@ class Record:
             static_zone=hovering.fleet.zone,
             static_selected=hovering.flight.selected,
         )
+
+    def figures(self) -> dict[str, float | None]:
+        """Those of the run so far that its metrics give."""
+        return over_the_run(self._tables.columns("metrics"))
 
     def write(
         self, folder: Path, events: Sequence[tuple[int, Event]], accounts: Mapping[str, Mapping[str, str]]

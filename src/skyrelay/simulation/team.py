@@ -1,4 +1,4 @@
-"""A fleet over its vehicles: who serves whom, and how well it goes over the run."""
+"""A fleet over its vehicles: who serves whom, and how well it goes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skyrelay.simulation.world import Fleet, Members
 
 
 class Team:
-    """A fleet, the selection it flies (or hovers) over, and its sums over the run."""
+    """A fleet, the selection it flies (or hovers) over, and whom it has served."""
 
     def __init__(self, law: Law, settings: Selection, fleet: Fleet, demand: IntArray) -> None:
         self.fleet = fleet
@@ -23,7 +23,6 @@ class Team:
         self.served: list[int] = []
         self.ever_served: set[int] = set()
         self._zone_of_owner = np.zeros(len(demand), dtype=np.int64)
-        self._areas: list[Measure] = []
 
     def assign(self, owner: IntArray) -> None:
         """Begin a period."""
@@ -64,19 +63,6 @@ class Team:
         owner[rows[chosen >= 0]] = airborne[chosen[chosen >= 0]]
         return owner
 
-    def measure(self, x: FloatArray, y: FloatArray, count: bool) -> list[Measure]:
-        """Measure a step; ``count`` it in the run's figures."""
-        measures = self.flight.measure(x, y, self._zone_of_owner)
-        if count:
-            self._areas.append(measures[-1])
-        return measures
-
-    @property
-    def coverage(self) -> float:
-        """Covered over served, summed over the counted steps; 1 where nobody was served."""
-        vehicles = sum(area.vehicles for area in self._areas)
-        return round(sum(area.covered for area in self._areas) / vehicles, 6) if vehicles else 1.0
-
-    def mean(self, name: str) -> float:
-        """Mean of a measure over the counted steps."""
-        return round(float(np.mean([getattr(area, name) for area in self._areas])), 6)
+    def measure(self, x: FloatArray, y: FloatArray) -> list[Measure]:
+        """Every zone with a team, then the whole area, at one step."""
+        return self.flight.measure(x, y, self._zone_of_owner)

@@ -486,8 +486,8 @@ function hit(scene, x, y) {
 const CHARTS = [
   { title: "Coverage", unit: "%", scale: 100, top: 1, lines: [["coverage", "learned", "learned"], ["static_coverage", "static", "hovering"]] },
   { title: "Connectivity", unit: "%", scale: 100, top: 1, lines: [["connectivity", "learned", "learned"], ["connectivity_neighbor", "neighbor", "neighbour"], ["static_connectivity", "static", "hovering"]] },
-  { title: "Served bandwidth", unit: "Mbit/s", scale: 1, lines: [["served_mbps", "learned", ""]] },
-  { title: "Mean battery", unit: "%", scale: 1, lines: [["energy_percent", "learned", ""]] },
+  { title: "Served bandwidth", unit: "Mbit/s", scale: 1, lines: [["served_mbps", "learned", "learned"], ["static_served_mbps", "static", "hovering"]] },
+  { title: "Mean battery in the air", unit: "%", scale: 1, lines: [["energy_percent", "learned", ""]] },
 ];
 const LEFT = 34, RIGHT = 6;
 
