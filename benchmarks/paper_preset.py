@@ -19,8 +19,8 @@ import jax.numpy as jnp
 from jaxtyping import Array
 from shared.timing import fastest
 
+from skyrelay.airspace.maps import normalise
 from skyrelay.baselines.cost import decentralized_cost
-from skyrelay.core.maps import normalise
 from skyrelay.learning import ppo
 from skyrelay.learning.networks import Network, convolve, max_pool
 from skyrelay.learning.presets import Training, training

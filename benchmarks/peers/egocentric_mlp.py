@@ -10,7 +10,7 @@ from benchmarl.models import Mlp, MlpConfig
 from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Unbounded
 
-from skyrelay.core.maps import GLOBAL_LOCATION, LOCATION_SCALE, PAPER_MAPS
+from skyrelay.airspace.maps import GLOBAL_LOCATION, LOCATION_SCALE, PAPER_MAPS
 from skyrelay.learning.egocentric import PLACE_SCALE, moved, offsets, width
 
 

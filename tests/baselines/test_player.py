@@ -2,11 +2,11 @@ import jax
 import numpy as np
 import pytest
 
+from skyrelay.airspace.flight import unit_moves
 from skyrelay.baselines.catalogue import BASELINES, baseline, evaluate_baseline
 from skyrelay.baselines.player import Learned, Random, Static, choices, play, towards
 from skyrelay.coordination import game
 from skyrelay.core.errors import UsageError
-from skyrelay.core.flight import unit_moves
 from skyrelay.learning.evaluation import greedy_episodes, starts, unseen_key
 from skyrelay.learning.networks import Architecture, actor
 

@@ -10,12 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from skyrelay.airspace.maps import map_names, normalise
 from skyrelay.coordination import game
 from skyrelay.coordination.energy import Batteries
 from skyrelay.coordination.pettingzoo import UavCoordination
 from skyrelay.coordination.settings import Shape, physical
 from skyrelay.coordination.testing import check_parallel_env
-from skyrelay.core.maps import map_names, normalise
 from skyrelay.policy import observe_team
 
 SHAPE = Shape(3, 6, n=5, steps=12, energy=True)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from skyrelay.core import flight
+from skyrelay.airspace import flight
 
 # Whole numbers: distances are exact, so that no rounding decides a link.
 positions = st.integers(1, 7).flatmap(lambda n: arrays(np.int64, (n, 2), elements=st.integers(0, 12)))

@@ -10,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from skyrelay.airspace.guard import safe_moves
+from skyrelay.airspace.maps import COVER_SCALE, LOCAL_VEHICLES, PAPER_MAPS, VEHICLE_SCALE, map_names, normalise, safe_of
 from skyrelay.coordination import game, observation
 from skyrelay.coordination.settings import Shape, physical
 from skyrelay.core.errors import UsageError
-from skyrelay.core.guard import safe_moves
-from skyrelay.core.maps import COVER_SCALE, LOCAL_VEHICLES, PAPER_MAPS, VEHICLE_SCALE, map_names, normalise, safe_of
 from skyrelay.policy import observation as flying
 
 observe = jax.jit(observation.observe, static_argnames=("n", "zoom"))

@@ -12,12 +12,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from skyrelay.airspace import flight
+from skyrelay.airspace.maps import OBSTACLE_MAPS, PAPER_MAPS, SIGHT_SCALE, footprint, map_names, normalise
 from skyrelay.coordination import game
 from skyrelay.coordination.obstacles import Cities
 from skyrelay.coordination.settings import Shape, physical
-from skyrelay.core import flight
 from skyrelay.core.errors import UsageError
-from skyrelay.core.maps import OBSTACLE_MAPS, PAPER_MAPS, SIGHT_SCALE, footprint, map_names, normalise
 from skyrelay.policy import observe_team
 
 # Small whole numbers: products are exact, so that no rounding decides what is in sight.

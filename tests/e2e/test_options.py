@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from skyrelay.core.maps import ENERGY_MAPS, OBSTACLE_MAPS
+from skyrelay.airspace.maps import ENERGY_MAPS, OBSTACLE_MAPS
 from skyrelay.core.scenario import load_scenario
 from skyrelay.policy import Policy, builtin_policies
 from skyrelay.report.payload import _contents

@@ -6,8 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from skyrelay.coordination.observation import observe
-from skyrelay.core.maps import (
+from skyrelay.airspace.maps import (
     GLOBAL_LOCATION,
     GLOBAL_TEAM,
     GLOBAL_VEHICLES,
@@ -18,6 +17,7 @@ from skyrelay.core.maps import (
     normalise,
     range_map,
 )
+from skyrelay.coordination.observation import observe
 from skyrelay.learning import egocentric
 
 N = 5

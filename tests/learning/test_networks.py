@@ -11,8 +11,8 @@ import numpy as np
 import onnx
 import pytest
 
+from skyrelay.airspace.maps import map_names, safe_of
 from skyrelay.core.errors import UsageError
-from skyrelay.core.maps import map_names, safe_of
 from skyrelay.learning import networks
 from skyrelay.learning.networks import FAST, GENERALIST, PAPER, Architecture
 from skyrelay.learning.onnx import export

@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from skyrelay.airspace.flight import unit_moves
+from skyrelay.airspace.maps import normalise, outlook_maps
 from skyrelay.coordination.observation import observe
 from skyrelay.coordination.settings import physical
-from skyrelay.core.flight import unit_moves
-from skyrelay.core.maps import normalise, outlook_maps
 from skyrelay.learning import networks, ppo
 from skyrelay.learning.networks import Architecture
 

@@ -12,8 +12,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from skyrelay.airspace.maps import PAPER_MAPS
 from skyrelay.core.errors import TrainingError, UsageError
-from skyrelay.core.maps import PAPER_MAPS
 from skyrelay.learning import checkpoint, training
 from skyrelay.learning.presets import training as preset
 from skyrelay.learning.training import Report, train, train_side_by_side

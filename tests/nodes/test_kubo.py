@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from skyrelay.airspace.law import Law
 from skyrelay.chain.client import IovClient, Role, Settings, VehicleRecord
 from skyrelay.chain.embedded.chain import EmbeddedChain
 from skyrelay.core.errors import StoreError
-from skyrelay.core.law import Law
 from skyrelay.core.scenario import Energy
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.policy import Policy

@@ -84,7 +84,7 @@ def test_the_example_trains(algorithm, tmp_path):
 def test_the_peers_network_sees_what_ours_sees(monkeypatch):
     import torch
 
-    from skyrelay.core.maps import PAPER_MAPS
+    from skyrelay.airspace.maps import PAPER_MAPS
     from skyrelay.learning import egocentric
 
     monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks" / "peers")

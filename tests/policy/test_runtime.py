@@ -9,8 +9,8 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
+from skyrelay.airspace.maps import ENERGY_MAPS, PAPER_MAPS
 from skyrelay.core.errors import ModelError
-from skyrelay.core.maps import ENERGY_MAPS, PAPER_MAPS
 from skyrelay.policy import Policy, builtin_policies
 from skyrelay.policy.card import CARD_KEY
 

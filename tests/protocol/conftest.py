@@ -2,9 +2,9 @@
 
 import pytest
 
+from skyrelay.airspace.law import Law
 from skyrelay.chain.client import IovClient, Role, Settings
 from skyrelay.chain.embedded.chain import EmbeddedChain
-from skyrelay.core.law import Law
 from skyrelay.core.scenario import Energy, Selection
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.policy import Policy

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyrelay.core.law import Law
+from skyrelay.airspace.law import Law
 from skyrelay.core.resolved import resolve
 from skyrelay.core.scenario import Demand, load_scenario
 from skyrelay.core.zones import ZoneGrid

@@ -16,13 +16,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray, UInt8
 
+from skyrelay.airspace.flight import ACTIONS
+from skyrelay.airspace.maps import normalise
 from skyrelay.baselines.player import Memory, Player
 from skyrelay.coordination import game
 from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape
 from skyrelay.core.errors import UsageError
-from skyrelay.core.flight import ACTIONS
-from skyrelay.core.maps import normalise
 from skyrelay.learning import ppo
 from skyrelay.learning.gae import advantages
 from skyrelay.learning.networks import KERNEL, Architecture, Linear, Network

@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from skyrelay.airspace.flight import connectivity, links
 from skyrelay.baselines.player import Memory, Player, choices, owned, squared, team_centre, towards
 from skyrelay.coordination import game
-from skyrelay.core.flight import connectivity, links
 
 
 class Centroid(Player):

@@ -1,6 +1,6 @@
 """A rule for each UAV alone, from exact positions: cover more of the own vehicles without losing the team.
 
-The team stays linked without a word (`skyrelay.core.guard`).
+The team stays linked without a word (`skyrelay.airspace.guard`).
 """
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from skyrelay.airspace.guard import too_far
 from skyrelay.baselines.centroid import centroids
 from skyrelay.baselines.player import Memory, Player, choices, owned, squared
 from skyrelay.coordination import game
-from skyrelay.core.guard import too_far
 
 DIRECTIONS = 8
 RADII = (0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5)

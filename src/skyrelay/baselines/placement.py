@@ -19,10 +19,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
+from skyrelay.airspace.flight import coverage
 from skyrelay.baselines.centroid import connected
 from skyrelay.baselines.player import Memory, Player, towards
 from skyrelay.coordination import game
-from skyrelay.core.flight import coverage
 
 INERTIA, PULL = 0.7298, 1.49618
 """Of a swarm that neither explodes nor freezes (Clerc and Kennedy 2002)."""

@@ -17,10 +17,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
+from skyrelay.airspace.flight import STAY, move
 from skyrelay.baselines.centroid import connected
 from skyrelay.baselines.player import Memory, Player, choices, owned, squared, team_centre, towards
 from skyrelay.coordination import game
-from skyrelay.core.flight import STAY, move
 
 SHRINK = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Shares of the way from the middle of its own vehicles to the middle of the team, tried for all UAVs at once."""

@@ -15,11 +15,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from skyrelay.airspace.flight import ACTIONS, move
+from skyrelay.airspace.maps import normalise
 from skyrelay.coordination import game
 from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape
-from skyrelay.core.flight import ACTIONS, move
-from skyrelay.core.maps import normalise
 from skyrelay.learning.networks import Network
 from skyrelay.learning.ppo import new_games
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from skyrelay.airspace.flight import STAY
 from skyrelay.baselines.centroid import centroids, linked_towards
 from skyrelay.baselines.player import Player, squared, towards
 from skyrelay.coordination import game
 from skyrelay.core.errors import UsageError
-from skyrelay.core.flight import STAY
 
 SPARE_STEPS = 5.0
 """Of flight that must be left beyond the way to the charging point."""

@@ -1,6 +1,6 @@
 """How the game's UAVs and vehicles move, in units of the zone's side.
 
-UAVs: `skyrelay.core.flight.move` (9 actions at constant speed). Vehicles: two models, compiled inside the step, and
+UAVs: `skyrelay.airspace.flight.move` (9 actions at constant speed). Vehicles: two models, compiled inside the step, and
 the replay of a trace.
 """
 
@@ -11,7 +11,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
-from skyrelay.core.flight import move as move
+from skyrelay.airspace.flight import move as move
 
 
 class Traffic(NamedTuple):

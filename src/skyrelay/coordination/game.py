@@ -19,14 +19,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
 
+from skyrelay.airspace import maps
+from skyrelay.airspace.flight import STAY, connectivity, links
 from skyrelay.coordination import dynamics, energy, reward
 from skyrelay.coordination.dynamics import Traffic
 from skyrelay.coordination.observation import observe as observe_maps
 from skyrelay.coordination.reward import Score, score
 from skyrelay.coordination.settings import Parameters, Shape
-from skyrelay.core import maps
 from skyrelay.core.errors import UsageError
-from skyrelay.core.flight import STAY, connectivity, links
 
 _DRAWS = 9
 """Uniform numbers that a new vehicle takes. They come from one call: each call of the generator costs compile time."""

@@ -13,8 +13,8 @@ The six maps that the policy gets, each [n, n], row = y from south, column = x f
 - GLOBAL_COVERAGE: each block of zoom x zoom cells, summed.
 
 In units of 1 / (2 zoom)^2 all this is whole numbers ("levels"): rollouts keep them so, a byte each.
-`skyrelay.core.maps.normalise` makes them the network's input. `skyrelay.policy.observation` computes the same in NumPy
-for a UAV in flight; the tests hold both against a plain-loop reference that does materialise the four maps.
+`skyrelay.airspace.maps.normalise` makes them the network's input. `skyrelay.policy.observation` computes the same
+in NumPy for a UAV in flight; the tests hold both against a plain-loop reference that does materialise the four maps.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt8
 
-from skyrelay.core.maps import (
+from skyrelay.airspace.maps import (
     CHANNELS,
     GLOBAL_COVERAGE,
     GLOBAL_LOCATION,

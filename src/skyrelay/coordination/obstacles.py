@@ -46,7 +46,7 @@ class Cities:
         return 4 * self.lots**2
 
     def draw(self, key: PRNGKeyArray) -> Float[Array, "walls 5"]:
-        """The walls of one city (see `skyrelay.core.flight.in_sight`), counter-clockwise around each building."""
+        """The walls of one city (see `skyrelay.airspace.flight.in_sight`), counter-clockwise around each building."""
         lots = self.lots**2
         draws = jax.random.uniform(key, (6 * lots + 1,))
         share, draws = _between(self.built, draws[0]), draws[1:].reshape(lots, 6)

@@ -12,12 +12,8 @@ import numpy as np
 import numpy.typing as npt
 import pettingzoo
 
-from skyrelay.coordination import game
-from skyrelay.coordination.reward import Score
-from skyrelay.coordination.settings import Domain, Shape, physical
-from skyrelay.core.errors import UsageError
-from skyrelay.core.flight import ACTIONS, STAY
-from skyrelay.core.maps import (
+from skyrelay.airspace.flight import ACTIONS, STAY
+from skyrelay.airspace.maps import (
     BUILDING_SCALE,
     CHARGER_SCALE,
     COVER_SCALE,
@@ -32,6 +28,10 @@ from skyrelay.core.maps import (
     normalise,
     safe_of,
 )
+from skyrelay.coordination import game
+from skyrelay.coordination.reward import Score
+from skyrelay.coordination.settings import Domain, Shape, physical
+from skyrelay.core.errors import UsageError
 
 
 def parallel_env(uavs: int = 3, vehicles: int = 20, n: int = 11, steps: int = 100) -> UavCoordination:

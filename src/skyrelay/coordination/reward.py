@@ -7,8 +7,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from skyrelay.airspace.flight import connectivity, connectivity_neighbor, coverage, links, of_owner, served, sight_share
 from skyrelay.coordination.energy import Charging
-from skyrelay.core.flight import connectivity, connectivity_neighbor, coverage, links, of_owner, served, sight_share
 
 POTENTIAL_STEPS = 10.0
 POTENTIAL_RANGE = 0.9

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from skyrelay.airspace.maps import map_names
 from skyrelay.coordination.energy import Batteries, Charging
 from skyrelay.coordination.obstacles import Cities
 from skyrelay.core.errors import UsageError
-from skyrelay.core.maps import map_names
 
 MobilityModel = Literal["manhattan", "random-waypoint", "mixed", "replay"]
 Interval = tuple[float, float]
@@ -84,7 +84,7 @@ class Parameters(NamedTuple):
         astray: a vehicle starts anywhere in the zone, not within its UAV's range.
         waypoint: vehicles follow the random-waypoint model ("mixed" games).
         drop_out: a UAV leaves (per UAV and step; games with drop-outs).
-        walls: of the buildings (see `skyrelay.core.flight.in_sight`); None on open ground.
+        walls: of the buildings (see `skyrelay.airspace.flight.in_sight`); None on open ground.
         charging: in games with energy, else None.
     """
 

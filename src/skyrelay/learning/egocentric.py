@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Float
 
-from skyrelay.core.maps import (
+from skyrelay.airspace.maps import (
     EVERYWHERE,
     GLOBAL_COVERAGE,
     GLOBAL_LOCATION,
@@ -33,7 +33,7 @@ from skyrelay.core.maps import (
 )
 
 PLACE_SCALE = 2.0
-"""What the UAV's own column comes to, and its row: of the size of the other inputs (`skyrelay.core.maps`)."""
+"""What the UAV's own column comes to, and its row: of the size of the other inputs (`skyrelay.airspace.maps`)."""
 MARKS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.4, 1.75, 2.1, 2.5, 3.0)
 """Distances along an axis that are told apart [ranges], to both sides: closest about the range, where links break."""
 LEAST_RANGE = 0.05

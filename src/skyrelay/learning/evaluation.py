@@ -14,10 +14,10 @@ import numpy.typing as npt
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 from scipy import stats
 
+from skyrelay.airspace.maps import OUTLOOK_MAPS, RANGE_MAPS, chosen, normalise
 from skyrelay.coordination import game
 from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape
-from skyrelay.core.maps import OUTLOOK_MAPS, RANGE_MAPS, chosen, normalise
 from skyrelay.learning.networks import Network
 from skyrelay.learning.ppo import new_games
 from skyrelay.policy import Policy

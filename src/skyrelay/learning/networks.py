@@ -15,9 +15,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from skyrelay.airspace.flight import ACTIONS
+from skyrelay.airspace.maps import OUTLOOK_MAPS, PAPER_MAPS, safe_of
 from skyrelay.core.errors import UsageError
-from skyrelay.core.flight import ACTIONS
-from skyrelay.core.maps import OUTLOOK_MAPS, PAPER_MAPS, safe_of
 from skyrelay.learning import egocentric
 
 KERNEL = 3
@@ -99,7 +99,7 @@ class Linear(eqx.Module):
 class Network(eqx.Module):
     """From a batch of normalised maps to ``outputs`` numbers each: logits of the actions, or a value.
 
-    Where it is ``guarded``, moves that could break a link are out of the question (`skyrelay.core.guard`).
+    Where it is ``guarded``, moves that could break a link are out of the question (`skyrelay.airspace.guard`).
     """
 
     convolutions: list[Linear]

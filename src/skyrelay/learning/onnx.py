@@ -9,8 +9,8 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from skyrelay.core.flight import ACTIONS
-from skyrelay.core.maps import (
+from skyrelay.airspace.flight import ACTIONS
+from skyrelay.airspace.maps import (
     GLOBAL_LOCATION,
     LOCAL_LOCATION,
     LOCATION_SCALE,

@@ -19,11 +19,11 @@ import numpy as np
 import optax
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
 
+from skyrelay.airspace.flight import unit_moves
+from skyrelay.airspace.maps import PAPER_MAPS, normalise
 from skyrelay.coordination import game
 from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape
-from skyrelay.core.flight import unit_moves
-from skyrelay.core.maps import PAPER_MAPS, normalise
 from skyrelay.learning.gae import advantages
 from skyrelay.learning.networks import Architecture, Network
 from skyrelay.learning.networks import actor as new_actor

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from skyrelay.core.maps import ENERGY_MAPS, OBSTACLE_MAPS, OUTLOOK_MAPS, PAPER_MAPS, RANGE_MAPS, map_names
+from skyrelay.airspace.maps import ENERGY_MAPS, OBSTACLE_MAPS, OUTLOOK_MAPS, PAPER_MAPS, RANGE_MAPS, map_names
 
 Count = Annotated[int, Field(ge=1)]
 CARD_KEY = "skyrelay.card"

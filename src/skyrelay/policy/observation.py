@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from skyrelay.core.errors import UsageError
-from skyrelay.core.maps import (
+from skyrelay.airspace.maps import (
     CHANNELS,
     ENERGY_MAPS,
     GLOBAL_COVERAGE,
@@ -30,6 +29,7 @@ from skyrelay.core.maps import (
     outlook_maps,
     range_map,
 )
+from skyrelay.core.errors import UsageError
 
 Floats = npt.NDArray[np.floating]
 Maps = npt.NDArray[np.float32]
@@ -62,7 +62,7 @@ def observe(
         zone_side: [m].
         reach: range of its links [m].
         n, zoom, names: of the policy's maps (its card tells).
-        walls: [W, 5] of the buildings (`skyrelay.core.flight.in_sight`) [m]; None on open ground, whose maps are empty.
+        walls: [W, 5] of the buildings (`in_sight` of `airspace.flight`) [m]; None on open ground, whose maps are empty.
         charger: x, y and radius of the charging point [m]; None where there is none.
         flight: how far its charge carries it [m]; None where charge does not count.
         step: length of its move [m]; None for a policy that does not look ahead.

@@ -10,8 +10,8 @@ import numpy.typing as npt
 import onnxruntime
 from pydantic import ValidationError
 
+from skyrelay.airspace.flight import ACTIONS
 from skyrelay.core.errors import ModelError
-from skyrelay.core.flight import ACTIONS
 from skyrelay.policy.card import CARD_KEY, Card
 
 MAX_BYTES = 64 * 2**20

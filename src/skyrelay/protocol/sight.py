@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from skyrelay.core.law import Law
+from skyrelay.airspace.law import Law
 from skyrelay.policy import Policy, observe, observe_team
 
 Position = tuple[float, float]

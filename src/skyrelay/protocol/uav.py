@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import ClassVar
 
+from skyrelay.airspace.law import Law
 from skyrelay.chain.abi import Event
 from skyrelay.chain.client import UavRecord
-from skyrelay.core.law import Law
 from skyrelay.policy import Policy
 from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.messages import (

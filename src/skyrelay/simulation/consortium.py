@@ -6,12 +6,12 @@ import hashlib
 from pathlib import Path
 from types import TracebackType
 
+from skyrelay.airspace.flight import ACTIONS
+from skyrelay.airspace.maps import map_names
 from skyrelay.chain.accounts import Keyring
 from skyrelay.chain.client import IovClient, ModelCard, Role, Settings
 from skyrelay.chain.embedded.chain import EmbeddedChain
 from skyrelay.chain.node.chain import NodeChain
-from skyrelay.core.flight import ACTIONS
-from skyrelay.core.maps import map_names
 from skyrelay.core.scenario import Chain as ChainConfig
 from skyrelay.core.scenario import Scenario
 from skyrelay.policy import Policy, builtin_policies

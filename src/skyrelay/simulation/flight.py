@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from skyrelay.core import flight as rules
+from skyrelay.airspace import flight as rules
+from skyrelay.airspace.law import Law
 from skyrelay.core.entities import FloatArray, IntArray
-from skyrelay.core.law import Law
 from skyrelay.simulation.world import Fleet
 
 NOBODY = -1

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from skyrelay.airspace.law import Law
 from skyrelay.core.entities import FloatArray, IntArray, UavTable, VehicleTable
-from skyrelay.core.law import Law
 from skyrelay.core.scenario import Selection
 from skyrelay.mobility import Tracks
 from skyrelay.selection import select

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.cluster.vq import kmeans2
 
+from skyrelay.airspace.law import Law
 from skyrelay.core.entities import FloatArray, IntArray
-from skyrelay.core.law import Law
 from skyrelay.core.resolved import ResolvedScenario, resolve
 from skyrelay.core.scenario import Demand, Scenario
 from skyrelay.core.scenario import Fleet as FleetConfig

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import minimum_spanning_tree
 
-from skyrelay.core.flight import connectivity, links, move
-from skyrelay.core.guard import safe_moves, spanning_tree, too_far
+from skyrelay.airspace.flight import connectivity, links, move
+from skyrelay.airspace.guard import safe_moves, spanning_tree, too_far
 
 REACH, STEP = np.asarray(0.4), np.asarray(0.05)
 

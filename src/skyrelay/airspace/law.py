@@ -22,8 +22,8 @@ class Law:
         speed: of a UAV [m/s].
         seconds: a step takes [s].
         energy: what flying costs.
-        walls: [W, 5] of the buildings [m], heights over the UAVs' altitude (`skyrelay.core.flight.in_sight`); None on
-            open ground.
+        walls: [W, 5] of the buildings [m], heights over the UAVs' altitude (`in_sight` of
+            `skyrelay.airspace.flight`); None on open ground.
         patience: beyond this age a beacon no longer counts [s].
     """
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from skyrelay.core.flight import ACTIONS, move
+from skyrelay.airspace.flight import ACTIONS, move
 
 HAIR = 1e-5
 """Share of the range by which links are held shorter than it: rounding must not break them."""

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from skyrelay.core.flight import ACTIONS, in_sight, unit_moves
-from skyrelay.core.guard import safe_moves
+from skyrelay.airspace.flight import ACTIONS, in_sight, unit_moves
+from skyrelay.airspace.guard import safe_moves
 
 LOCAL_LOCATION, LOCAL_VEHICLES, GLOBAL_LOCATION, GLOBAL_TEAM, GLOBAL_COVERAGE, GLOBAL_VEHICLES = range(6)
 CHANNELS = 6
@@ -135,7 +135,7 @@ def obstacle_maps(
         own: [N, V] whether a vehicle is there and is the UAV's.
         vehicles: [V, 2] positions [zone sides].
         reach: range [zone sides].
-        walls: [W, 5] (see `skyrelay.core.flight.in_sight`), in zone sides.
+        walls: [W, 5] (see `skyrelay.airspace.flight.in_sight`), in zone sides.
         built: [h, h] from `footprint`.
     Returns: [N, n, n] each.
     """
@@ -211,7 +211,7 @@ def outlook_maps(
 ) -> tuple[Any, Any]:
     """`OUTLOOK_MAPS` of every UAV, as levels, from exact positions.
 
-    Safe moves: of the middle 3 x 3 cells, 1 in those that a safe move heads to (`skyrelay.core.guard`); 0 elsewhere.
+    Safe moves: of the middle 3 x 3 cells, 1 in those that a safe move heads to (`guard.safe_moves`); 0 elsewhere.
     Cover: how many own vehicles would be in range (and in sight) from places on rings about the UAV, in `COVER_PARTS`.
     A vehicle at the edge of the range counts half, as it may be gone on arrival: from half a move inside the edge to
     half a move outside its part falls from 1 to 0.
