@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))  # for `processes`
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE), str(HERE.parent / "chain")]  # for `processes`, and the chain's rounds
 
 
 @pytest.fixture

@@ -146,8 +146,13 @@ def signer(message: bytes, signature: bytes) -> str | None:
 
     Any other bytes give another address: whoever asks has to know whom to expect.
     """
+    return recovered(_personal(message), signature)
+
+
+def recovered(digest: bytes, signature: bytes) -> str | None:
+    """The address whose key has signed a digest: r, s and the parity, 65 bytes; None where they are no signature."""
     try:
-        return _address(coincurve.PublicKey.from_signature_and_message(signature, _personal(message), hasher=None))
+        return _address(coincurve.PublicKey.from_signature_and_message(signature, digest, hasher=None))
     except ValueError:
         return None
 

@@ -15,6 +15,7 @@ from skyrelay.cli import (
     baseline,
     chain_devnet,
     chain_gas,
+    chain_serve,
     evaluate,
     explain,
     models,
@@ -54,6 +55,7 @@ chain = typer.Typer(
     help="The contract's chain: a consortium on this machine, and what calls cost.", no_args_is_help=True
 )
 chain.command("devnet")(chain_devnet.command)
+chain.command("serve")(chain_serve.command)
 chain.command("gas")(chain_gas.command)
 app.add_typer(chain, name="chain")
 

@@ -166,8 +166,12 @@ class EmbeddedChain:
             rest = rest[taken:]
         return receipts
 
-    def query(self, calls: Sequence[Call]) -> list[Answer]:
-        """Ask the latest state."""
+    def query(self, calls: Sequence[Call], gas: int = QUERY_GAS) -> list[Answer]:
+        """Ask the latest state.
+
+        Args:
+            gas: that each question may use, beside the intrinsic gas.
+        """
         context = block_context(self._genesis, self._blocks, self._genesis_hash, self.block_number, self.timestamp)
         answers = []
         for call in calls:
@@ -177,7 +181,7 @@ class EmbeddedChain:
                 sender=int(call.sender, 16),
                 to=None if call.to is None else int(call.to, 16),
                 data=call.data,
-                gas=QUERY_GAS,
+                gas=gas,
             )
             answers.append(Answer(outcome.status, outcome.output))
         return answers
@@ -197,6 +201,20 @@ class EmbeddedChain:
         return self._state.codes.get(int(address, 16), NO_CODE).code
 
     # Beyond it
+
+    def nonce(self, address: str) -> int:
+        """How many transactions an account has sent."""
+        return self._state.nonces.get(int(address, 16), 0)
+
+    @property
+    def genesis_hash(self) -> str:
+        """What stands in for the hash of block 0."""
+        return self._genesis_hash
+
+    @property
+    def genesis_timestamp(self) -> int:
+        """Of block 0 [s]."""
+        return self._genesis.timestamp
 
     @property
     def blocks(self) -> Sequence[Block]:

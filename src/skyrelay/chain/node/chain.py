@@ -275,9 +275,10 @@ class NodeChain:
         return receipts
 
     def _reasons(self, failed: Sequence[tuple[Call, dict[str, Any]]]) -> list[tuple[bytes, str | None]]:
-        """Revert data of failed calls, which receipts do not carry: asked again on the state after their block.
+        """Revert data of failed calls: from the receipt where the node tells it there (``revertReason``).
 
-        Another call of the same block may have changed the answer; then the state before the block is asked.
+        Where it does not, the call is asked again on the state after its block. Another call of the same block may
+        have changed the answer; then the state before the block is asked.
         """
         requests_: list[_Request] = []
         for call, receipt in failed:
@@ -287,7 +288,7 @@ class NodeChain:
         reasons: list[tuple[bytes, str | None]] = []
         for place, (call, receipt) in enumerate(failed):
             after, before = (_revert_data(reply) for reply in replies[2 * place : 2 * place + 2])
-            data = after or before or b""
+            data = _bytes(receipt.get("revertReason") or "0x") or after or before or b""
             spent = int(receipt["gasUsed"], 16) == call.gas
             reasons.append((data, "out of gas or invalid operation" if not data and spent else None))
         return reasons
