@@ -46,7 +46,7 @@ class PlayedChain(NodeChain):
 
     def __init__(self, tape: dict[str, Any], confirmations: int = 0) -> None:
         self.tape = tape
-        super().__init__("http://tape", Keyring.ephemeral(), confirmations=confirmations)
+        super().__init__("https://tape", Keyring.ephemeral(), confirmations=confirmations)
 
     def _post(self, requests_: Sequence[tuple[str, list[Any]]], patience: float) -> list[dict[str, Any]]:
         return [{"result": self.tape.get(json.dumps(request))} for request in requests_]

@@ -11,11 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import coincurve
-from eth_account import Account
-from eth_account.signers.local import LocalAccount
 from eth_hash.auto import keccak
 
 from skyrelay.core.errors import ChainError
+from skyrelay.core.recursion import recursion_limit_kept
+
+with recursion_limit_kept():  # py_ecc, which comes along, raises it to 100,000
+    from eth_account import Account
+    from eth_account.signers.local import LocalAccount
 
 PASSWORD = "SKYRELAY_KEYSTORE_PASSWORD"  # noqa: S105  (the variable's name)
 PASSWORD_FILE = "SKYRELAY_KEYSTORE_PASSWORD_FILE"  # noqa: S105

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -13,6 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from skyrelay.core.errors import ScenarioError
+from skyrelay.core.untrusted import read_json
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
@@ -42,7 +42,7 @@ def read_buildings(path: Path) -> list[dict[str, Any]]:
         ValueError: naming what was expected of the file.
     """
     try:
-        tree = json.loads(path.read_text("utf-8"))
+        tree = read_json(path)
     except OSError as error:
         raise ValueError(f"a readable GeoJSON file ({error.strerror})") from error
     except ValueError as error:

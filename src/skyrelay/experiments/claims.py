@@ -10,6 +10,7 @@ from typing import Literal
 
 from skyrelay.core.errors import RunFolderError
 from skyrelay.core.files import write_text
+from skyrelay.core.untrusted import read_json
 
 Verdict = Literal["holds", "holds in part", "does not hold"]
 FINDINGS = "claims.json"
@@ -107,7 +108,7 @@ def write_claims_page(out: Path) -> Path:
     found: dict[str, list[tuple[str, Finding]]] = {claim.key: [] for claim in CLAIMS}
     for path in sorted(out.glob(f"*/{FINDINGS}")):
         try:
-            findings = [Finding(**entry) for entry in json.loads(path.read_text(encoding="utf-8"))]
+            findings = [Finding(**entry) for entry in read_json(path)]
             for finding in findings:
                 found[finding.claim].append((path.parent.name, finding))
         except (OSError, ValueError, TypeError, KeyError) as error:

@@ -33,6 +33,7 @@ from skyrelay.core.errors import RunFolderError, UsageError
 from skyrelay.core.files import atomic_path, write_text
 from skyrelay.core.folders import LOCK, sole_writer
 from skyrelay.core.progress import Progress, Silent
+from skyrelay.core.untrusted import parse_json, read_json
 
 Row = dict[str, Any]
 
@@ -156,7 +157,7 @@ def _claim(experiment: Experiment, folder: Path, command: str | None) -> None:
         write_text(path, _pretty({"command": command, **wanted}))
         return
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = read_json(path)
     except (OSError, ValueError) as error:
         raise RunFolderError(path, None, f"a readable manifest ({error})") from error
     for key, value in wanted.items():
@@ -195,7 +196,7 @@ def _finished(journal: BufferedRandom, path: Path, names: set[str]) -> dict[str,
     done: dict[str, list[Row]] = {}
     for number, line in enumerate(text[:whole].splitlines(), start=1):
         try:
-            entry = json.loads(line)
+            entry = parse_json(line)
             name, rows = entry["task"], entry["rows"]
         except (ValueError, KeyError, TypeError):
             raise RunFolderError(

@@ -14,6 +14,7 @@ import numpy as np
 
 from skyrelay.core.errors import TrainingError
 from skyrelay.core.files import atomic_path
+from skyrelay.core.untrusted import parse_json
 
 Tree = TypeVar("Tree")
 _ABOUT = "about"
@@ -35,7 +36,7 @@ def about(path: Path) -> dict[str, Any]:
     """
     try:
         with np.load(path, allow_pickle=False) as archive:
-            result: dict[str, Any] = json.loads(archive[_ABOUT].tobytes())
+            result: dict[str, Any] = parse_json(archive[_ABOUT].tobytes())
             return result
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise TrainingError(path, None, f"a checkpoint of skyrelay train ({error})") from error

@@ -8,17 +8,16 @@ cut off.
 from __future__ import annotations
 
 import http.client
-import json
 import secrets
-import socket
-import threading
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import urlencode, urlsplit
 
 from skyrelay.core.errors import StoreError
 from skyrelay.core.files import atomic_path
+from skyrelay.core.untrusted import parse_json
+from skyrelay.net.http import Http, HttpError
 from skyrelay.store.cid import CHUNK_BYTES, LINKS_PER_NODE, Cid, Importer, read_chunks
 from skyrelay.store.model_store import MAX_MODEL_BYTES, StoredModel
 
@@ -50,18 +49,19 @@ class KuboStore:
         self, url: str, *, timeout: float = 20.0, deadline: float = 300.0, max_bytes: int = MAX_MODEL_BYTES
     ) -> None:
         try:
-            parts = urlsplit(url)
-            host, port = parts.hostname, parts.port
-        except ValueError:
-            host, port = None, None
-        if host is None or parts.scheme not in ("http", "https") or parts.path not in ("", "/") or parts.query:
-            raise StoreError("store address", url, "http://HOST:PORT of a Kubo RPC endpoint, as http://127.0.0.1:5001")
-        if parts.username or parts.password:
-            raise StoreError("store address", f"http://...@{host}", "an address without a name or password in it")
-        self._connection = http.client.HTTPSConnection if parts.scheme == "https" else http.client.HTTPConnection
-        self._host, self._port = host, port
+            self._http = Http(url, timeout=timeout)
+        except HttpError as error:
+            raise StoreError(
+                "store address", error.told, f"http://HOST:PORT of a Kubo RPC endpoint ({error.expected})"
+            ) from None
+        if urlsplit(url).path not in ("", "/") or urlsplit(url).query:
+            raise StoreError(
+                "store address", self._http.name, "http://HOST:PORT of a Kubo RPC endpoint, as http://127.0.0.1:5001"
+            )
+        if self._http.has_credentials:
+            raise StoreError("store address", self._http.name, "an address without a name or password in it")
         self._timeout, self._deadline, self._max_bytes = timeout, deadline, max_bytes
-        self.url = url.rstrip("/")
+        self.url = self._http.name
 
     @property
     def place(self) -> str:
@@ -199,48 +199,22 @@ class KuboStore:
     ) -> Iterator[http.client.HTTPResponse]:
         """One RPC command; whatever goes wrong on the way becomes a StoreError that names the store."""
         place = f"{self.place}: {command}"
-        connection = self._connection(self._host, self._port, timeout=self._timeout)
         target = f"/api/v0/{command}?{urlencode({**query, 'timeout': f'{self._timeout:g}s'})}"
-        late = threading.Event()
-
-        def cut() -> None:
-            late.set()
-            with suppress(OSError):  # it has just ended by itself
-                wire.shutdown(socket.SHUT_RDWR)
-
-        timer = threading.Timer(self._deadline, cut)
-        timer.daemon = True
         try:
-            connection.connect()
-            wire = connection.sock
-            timer.start()
-            connection.request("POST", target, body=body, headers=headers or {}, encode_chunked=body is not None)
-            answer = connection.getresponse()
-            if answer.status != http.client.OK:
-                raise _refusal(place, answer)
-            yield answer
-            if late.is_set():  # to a body without a length, being cut off looks like an end
-                raise TimeoutError
-        except (http.client.HTTPException, OSError, StoreError) as error:
-            if late.is_set():
-                raise StoreError(place, f"not done after {self._deadline:g} s", "an end: ask another store") from None
-            if isinstance(error, StoreError):
-                raise
-            if isinstance(error, TimeoutError):
-                raise StoreError(place, f"silent for {self._timeout:g} s", "an answer: ask another store") from None
-            if isinstance(error, http.client.IncompleteRead):
-                raise StoreError(place, "an answer that breaks off", "a whole one: ask another store") from None
-            told = getattr(error, "strerror", None) or str(error) or type(error).__name__
-            raise StoreError(place, told, "a Kubo RPC endpoint that answers (`ipfs daemon` running?)") from None
-        finally:
-            timer.cancel()
-            connection.close()
+            with self._http.post(body, target=target, headers=headers, deadline=self._deadline) as answer:
+                yield answer
+        except HttpError as error:
+            if error.status is not None:
+                raise _refusal(place, error) from None
+            raise StoreError(
+                place, error.told, f"a Kubo RPC endpoint that answers ({error.expected}; or ask another store)"
+            ) from None
 
     def _json(self, answer: http.client.HTTPResponse) -> dict[str, object]:
         data = answer.read(_MAX_REPLY_BYTES + 1)
         try:
-            value = json.loads(data)
-        except (ValueError, RecursionError):
+            value = parse_json(data)
+        except ValueError:
             value = None
         if not isinstance(value, dict) or len(data) > _MAX_REPLY_BYTES:
             told = data[:60].decode(errors="replace")
@@ -252,13 +226,12 @@ class _NotFoundError(StoreError):
     """The node says that it does not have a block."""
 
 
-def _refusal(place: str, answer: http.client.HTTPResponse) -> StoreError:
+def _refusal(place: str, refused: HttpError) -> StoreError:
     """What an answer with another status than 200 says."""
-    data = answer.read(4096)
     try:
-        message = str(json.loads(data)["Message"])
-    except (ValueError, KeyError, TypeError, RecursionError):
-        return StoreError(place, f"HTTP {answer.status}", "a Kubo RPC endpoint (is this its API port?)")
+        message = str(parse_json(refused.body)["Message"])
+    except (ValueError, KeyError, TypeError):
+        return StoreError(place, refused.told, "a Kubo RPC endpoint (is this its API port?)")
     if "not found" in message or "could not find" in message:
         return _NotFoundError(place, message, "a model that this node holds")
     if "deadline exceeded" in message:

@@ -227,8 +227,8 @@ def test_a_wrong_address_is_refused() -> None:
 
 def test_the_command_audits_a_node(monkeypatch: pytest.MonkeyPatch) -> None:
     tape = TAPES["qbft"]
-    monkeypatch.setattr("skyrelay.chain.node.NodeChain", lambda *_: PlayedChain(tape["answers"]))
-    command = ["audit", "--chain", "http://tape", "--contract", tape["contract"]]
+    monkeypatch.setattr("skyrelay.chain.node.chain.NodeChain", lambda *_: PlayedChain(tape["answers"]))
+    command = ["audit", "--chain", "https://tape", "--contract", tape["contract"]]
     told = CliRunner().invoke(app, command, standalone_mode=False)
     assert told.return_value == 0
     assert "All agree." in told.output

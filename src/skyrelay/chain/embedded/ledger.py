@@ -19,6 +19,7 @@ from typing import Any
 
 from skyrelay.chain.chain import LogEntry, Receipt
 from skyrelay.core.errors import ChainError
+from skyrelay.core.untrusted import parse_json
 
 FORMAT = "skyrelay-chain/1"
 FILE_NAME = "blocks.jsonl"
@@ -142,9 +143,9 @@ def decode_genesis(place: str, line: bytes) -> tuple[str, Genesis]:
     """
     digest, content = split(line)
     try:
-        tree = json.loads(content)
+        tree = parse_json(content)
         known, genesis = tree["format"], Genesis(int(tree["chain_id"]), int(tree["gas_limit"]), int(tree["timestamp"]))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise DamagedRecordError(place, None, f"a chain's first record ({error})") from error
     if (digest, line) != encode_genesis(genesis):
         raise DamagedRecordError(place, known, f"a first record of the format {FORMAT}, with its SHA-256 before it")
@@ -176,8 +177,8 @@ def parse_block(place: str, digest: str, content: bytes) -> Block:
         DamagedRecordError: it is no block.
     """
     try:
-        return _block(place, digest, json.loads(content))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        return _block(place, digest, parse_json(content))
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise DamagedRecordError(place, None, f"a block's record ({error})") from error
 
 

@@ -14,6 +14,7 @@ from skyrelay.chain.evm.precompiles import precompiled
 from skyrelay.chain.evm.state import NO_CODE, BlockContext, Changes, Log, Transaction, WorldState, code_of
 from skyrelay.chain.evm.words import ADDRESS
 from skyrelay.core.errors import ChainError
+from skyrelay.core.recursion import recursion_limit_kept
 
 MAX_CODE_SIZE = 24_576
 MAX_DEPTH = 1024
@@ -101,11 +102,8 @@ def execute(tx: Transaction, to: int | None, data: bytes, gas: int, value: int =
     Raises:
         ChainError: as `transact`.
     """
-    limit = sys.getrecursionlimit()
-    try:
+    with recursion_limit_kept():  # deep calls raise it
         return _execute(tx, to, data, gas, value)
-    finally:
-        sys.setrecursionlimit(limit)
 
 
 def _execute(tx: Transaction, to: int | None, data: bytes, gas: int, value: int) -> Outcome:

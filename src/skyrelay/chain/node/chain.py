@@ -8,32 +8,30 @@ that a resend can never change the state twice.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
-
-import requests
 
 from skyrelay.chain.accounts import Keyring
 from skyrelay.chain.chain import Answer, Call, LogEntry, Receipt
+from skyrelay.chain.node.rpc import Endpoints, Reply, Request
 from skyrelay.core.errors import ChainError
 
-BATCH = 100
-"""Requests in one HTTP call: nodes limit it."""
 WINDOW = 1000
 """Transactions under way at once: a node's pool holds some thousands, shared by all who send."""
 LOG_BLOCKS = 2000
-"""Blocks that one search for logs covers: nodes limit it."""
-
-_Request = tuple[str, list[Any]]
+"""Blocks that one search for logs covers; fewer where a node says so."""
 
 
 class NodeChain:
     """A chain, by way of its nodes.
 
     Args:
-        urls: endpoints of the same chain; the next one serves when one does not answer.
+        urls: endpoints of the same chain; the next one serves when one does not answer. Each has to show the chain's
+            id and its first block.
         keyring: of this host's members.
         chain_id: what the chain's id must be; None where any will do.
+        genesis: what the hash of its first block must be; None where any will do.
         confirmations: blocks on top of a receipt's before it counts: 0 where blocks are final (QBFT, IBFT), on Clique
             half of the signers and one.
         patience: how long nodes may be out of reach, or nothing of ours be mined, before that is an error [s].
@@ -49,26 +47,25 @@ class NodeChain:
         keyring: Keyring,
         *,
         chain_id: int | None = None,
+        genesis: str | None = None,
         confirmations: int = 0,
         patience: float = 120.0,
         poll: float = 0.25,
         rebroadcast: float = 5.0,
     ) -> None:
-        self._urls = [urls] if isinstance(urls, str) else list(urls)
-        if not self._urls or not all(url.startswith(("http://", "https://")) for url in self._urls):
-            raise ChainError("chain url", ", ".join(self._urls), "http:// or https:// and a node's address")
+        self._nodes = Endpoints([urls] if isinstance(urls, str) else list(urls), chain_id, genesis)
         self._keyring = keyring
         self._confirmations = confirmations
         self._patience = patience
         self._poll = poll
         self._rebroadcast = rebroadcast
-        self._session = requests.Session()
         # The first contact tells at once that an address is wrong; patience is for a node that was there.
-        first = self._post([("eth_chainId", []), ("eth_getBlockByNumber", ["latest", False])], patience=5.0)
-        self._chain_id = int(_result(first[0], "eth_chainId"), 16)
-        self._block_gas_limit = int(_result(first[1], "eth_getBlockByNumber")["gasLimit"], 16)
-        if chain_id is not None and self._chain_id != chain_id:
-            raise ChainError(f"{self._urls[0]}: chain id", self._chain_id, f"{chain_id}: this is another network")
+        first = self._post(
+            [("eth_chainId", []), ("eth_getBlockByNumber", ["latest", False])], patience=min(5.0, patience)
+        )
+        with _readable("eth_getBlockByNumber"):
+            self._chain_id = _number(_result(first[0], "eth_chainId"))
+            self._block_gas_limit = _number(_result(first[1], "eth_getBlockByNumber")["gasLimit"])
 
     # The Chain protocol
 
@@ -117,17 +114,28 @@ class NodeChain:
         ranges = [
             (start, min(start + LOG_BLOCKS - 1, to_block)) for start in range(from_block, to_block + 1, LOG_BLOCKS)
         ]
-        replies = self._batch(
-            [
-                ("eth_getLogs", [{"address": address, "fromBlock": hex(first), "toBlock": hex(last)}])
-                for first, last in ranges
-            ]
-        )
-        return [_log(entry) for reply in replies for entry in _result(reply, "eth_getLogs")]
+        found: list[LogEntry] = []
+        while ranges:
+            replies = self._batch(
+                [
+                    ("eth_getLogs", [{"address": address, "fromBlock": hex(first), "toBlock": hex(last)}])
+                    for first, last in ranges
+                ]
+            )
+            asked, ranges = ranges, []
+            for number, ((first, last), reply) in enumerate(zip(asked, replies, strict=True)):
+                if "error" in reply and first < last:  # most likely more blocks or more logs than it gives at once
+                    middle = (first + last) // 2
+                    ranges = [(first, middle), (middle + 1, last), *asked[number + 1 :]]
+                    break
+                with _readable("eth_getLogs"):
+                    found += [_log(entry) for entry in _result(reply, "eth_getLogs")]
+        return found
 
     def code(self, address: str) -> bytes:
         """The code of a contract; empty where there is none."""
-        return _bytes(self._one("eth_getCode", address, "latest"))
+        with _readable("eth_getCode"):
+            return _bytes(self._one("eth_getCode", address, "latest"))
 
     # Beyond it
 
@@ -163,7 +171,7 @@ class NodeChain:
         for params, reply in zip(parameters, replies, strict=True):
             result = _result(reply, method)
             if not isinstance(result, dict):
-                raise ChainError(f"{self._urls[0]}: {what}", params[0], "one that the node has")
+                raise ChainError(f"{self._nodes.name}: {what}", params[0], "one that the node has")
             found.append(result)
         return found
 
@@ -189,7 +197,7 @@ class NodeChain:
                 progress, last_progress = (len(found), head), now
             elif now - last_progress > self._patience:
                 raise ChainError(
-                    f"{self._urls[0]}: transactions",
+                    f"{self._nodes.name}: transactions",
                     f"{len(found)} of {len(signed)} mined, the head at {self._head()}",
                     f"progress within {self._patience:g} s; the rest may still be mined",
                 )
@@ -201,10 +209,11 @@ class NodeChain:
         """Signed transactions by their hashes, nonces following on what each sender has under way."""
         senders = list(dict.fromkeys(call.sender for call in calls))
         replies = self._batch([("eth_getTransactionCount", [sender, "pending"]) for sender in senders])
-        nonces = {
-            sender: int(_result(reply, "eth_getTransactionCount"), 16)
-            for sender, reply in zip(senders, replies, strict=True)
-        }
+        with _readable("eth_getTransactionCount"):
+            nonces = {
+                sender: _number(_result(reply, "eth_getTransactionCount"))
+                for sender, reply in zip(senders, replies, strict=True)
+            }
         signed = {}
         for call in calls:
             digest, raw = self._keyring.sign(
@@ -223,27 +232,33 @@ class NodeChain:
         replies = self._batch([("eth_sendRawTransaction", ["0x" + raw.hex()]) for raw in transactions.values()])
         taken = set()
         for digest, reply in zip(transactions, replies, strict=True):
-            message = str(reply.get("error", {}).get("message", "")).lower()
+            message = reply["error"]["message"].lower() if "error" in reply else ""
             if "error" not in reply or "already known" in message or "known transaction" in message:
                 taken.add(digest)
             elif "nonce too low" in message or "already imported" in message:
                 # Mined already, or another transaction took the nonce: the receipt will tell, or patience will end.
                 taken.add(digest)
             elif not any(word in message for word in _TRANSIENT):
-                raise ChainError(f"{self._urls[0]}: transaction", digest, f"one that the node takes ({message})")
+                raise ChainError(f"{self._nodes.name}: transaction", digest, f"one that the node takes ({message})")
         return taken
 
     def _receipts(self, digests: Sequence[str]) -> dict[str, dict[str, Any]]:
         """The receipts that are there; a node that knows nothing of one yet may say so by an error."""
         replies = self._batch([("eth_getTransactionReceipt", [digest]) for digest in digests])
-        return {digest: reply["result"] for digest, reply in zip(digests, replies, strict=True) if reply.get("result")}
+        found = {digest: reply.get("result") for digest, reply in zip(digests, replies, strict=True)}
+        return {
+            digest: receipt
+            for digest, receipt in found.items()
+            if isinstance(receipt, dict) and isinstance(receipt.get("blockNumber"), str)  # None while it is pending
+        }
 
     def _confirmed(self, found: dict[str, dict[str, Any]], head: int) -> bool:
         """All receipts are deep enough below ``head``, and still the same; those that moved are forgotten."""
         if not self._confirmations:
             return True
-        if head < max(int(r["blockNumber"], 16) for r in found.values()) + self._confirmations:
-            return False
+        with _readable("eth_getTransactionReceipt"):
+            if head < max(_number(r["blockNumber"]) for r in found.values()) + self._confirmations:
+                return False
         again = self._receipts(list(found))
         moved = [digest for digest in found if again.get(digest, {}).get("blockHash") != found[digest]["blockHash"]]
         for digest in moved:
@@ -251,7 +266,11 @@ class NodeChain:
         return not moved
 
     def _as_receipts(self, calls: Sequence[Call], found: Sequence[dict[str, Any]]) -> list[Receipt]:
-        failed = [place for place, receipt in enumerate(found) if int(receipt["status"], 16) == 0]
+        with _readable("eth_getTransactionReceipt"):
+            return self._receipts_of(calls, found)
+
+    def _receipts_of(self, calls: Sequence[Call], found: Sequence[dict[str, Any]]) -> list[Receipt]:
+        failed = [place for place, receipt in enumerate(found) if _number(receipt["status"]) == 0]
         reasons = dict(zip(failed, self._reasons([(calls[i], found[i]) for i in failed]), strict=True))
         receipts = []
         for place, (call, receipt) in enumerate(zip(calls, found, strict=True)):
@@ -260,13 +279,13 @@ class NodeChain:
             receipts.append(
                 Receipt(
                     hash=receipt["transactionHash"],
-                    block=int(receipt["blockNumber"], 16),
-                    transaction=int(receipt["transactionIndex"], 16),
+                    block=_number(receipt["blockNumber"]),
+                    transaction=_number(receipt["transactionIndex"]),
                     sender=call.sender,
                     to=call.to,
                     created=created.lower() if created and place not in reasons else None,
                     status=place not in reasons,
-                    gas_used=int(receipt["gasUsed"], 16),
+                    gas_used=_number(receipt["gasUsed"]),
                     logs=tuple(_log(entry) for entry in receipt["logs"]),
                     output=output,
                     halt=halt,
@@ -280,65 +299,58 @@ class NodeChain:
         Where it does not, the call is asked again on the state after its block. Another call of the same block may
         have changed the answer; then the state before the block is asked.
         """
-        requests_: list[_Request] = []
+        requests_: list[Request] = []
         for call, receipt in failed:
-            block = int(receipt["blockNumber"], 16)
+            block = _number(receipt["blockNumber"])
             requests_ += [("eth_call", [_message(call) | {"gas": hex(call.gas)}, hex(n)]) for n in (block, block - 1)]
         replies = self._batch(requests_)
         reasons: list[tuple[bytes, str | None]] = []
         for place, (call, receipt) in enumerate(failed):
             after, before = (_revert_data(reply) for reply in replies[2 * place : 2 * place + 2])
             data = _bytes(receipt.get("revertReason") or "0x") or after or before or b""
-            spent = int(receipt["gasUsed"], 16) == call.gas
+            spent = _number(receipt["gasUsed"]) == call.gas
             reasons.append((data, "out of gas or invalid operation" if not data and spent else None))
         return reasons
 
     # Requests
 
     def _head(self) -> int:
-        return int(self._one("eth_blockNumber"), 16)
+        with _readable("eth_blockNumber"):
+            return _number(self._one("eth_blockNumber"))
 
     def _one(self, method: str, *params: Any) -> Any:
         return _result(self._batch([(method, list(params))])[0], method)
 
-    def _batch(self, requests_: Sequence[_Request]) -> list[dict[str, Any]]:
-        replies: list[dict[str, Any]] = []
-        for start in range(0, len(requests_), BATCH):
-            replies += self._post(requests_[start : start + BATCH], self._patience)
-        return replies
+    def _batch(self, requests_: Sequence[Request]) -> list[Reply]:
+        return self._post(requests_, self._patience) if requests_ else []
 
-    def _post(self, requests_: Sequence[_Request], patience: float) -> list[dict[str, Any]]:
-        """One batch's replies, in order; tried again, at each endpoint in turn, until one answers.
-
-        Every request may be repeated safely: a transaction is the same bytes each time.
-        """
-        body: Any = [
-            {"jsonrpc": "2.0", "id": number, "method": method, "params": params}
-            for number, (method, params) in enumerate(requests_)
-        ]
-        deadline = time.monotonic() + patience
-        pause = 0.1
-        while True:
-            try:
-                response = self._session.post(self._urls[0], json=body, timeout=30)
-                response.raise_for_status()
-                replies = {reply["id"]: reply for reply in response.json()}
-                return [replies[number] for number in range(len(body))]
-            except (requests.RequestException, ValueError, KeyError, TypeError) as error:
-                if time.monotonic() + pause > deadline:
-                    reason = type(error).__name__
-                    raise ChainError(
-                        "chain url",
-                        ", ".join(self._urls),
-                        f"a node that answers JSON-RPC within {patience:g} s ({reason})",
-                    ) from error
-                time.sleep(pause)
-                pause = min(2 * pause, 2.0)
-                self._urls.append(self._urls.pop(0))
+    def _post(self, requests_: Sequence[Request], patience: float) -> list[Reply]:
+        """Replies in order; asked again, at each endpoint in turn, until one answers."""
+        return self._nodes.ask(requests_, patience)
 
 
 _TRANSIENT = ("txpool is full", "pool is full", "timeout", "timed out", "not ready", "syncing", "unavailable", "busy")
 """In what a node says when the same bytes may be welcome later."""
+
+
+@contextmanager
+def _readable(method: str) -> Iterator[None]:
+    """What does not have the form of an answer becomes an error of one line."""
+    try:
+        yield
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise ChainError(f"chain: {method}", None, f"an answer of Ethereum's JSON-RPC ({error!r})") from None
+
+
+def _number(text: Any) -> int:
+    """A quantity of at most a word.
+
+    Raises:
+        ValueError: it is longer, or none.
+    """
+    if not isinstance(text, str) or len(text) > 66:
+        raise ValueError("no quantity of at most 256 bits")
+    return int(text, 16)
 
 
 def _message(call: Call) -> dict[str, str]:
@@ -348,16 +360,17 @@ def _message(call: Call) -> dict[str, str]:
 
 def _result(reply: dict[str, Any], method: str) -> Any:
     if "error" in reply:
-        raise ChainError(f"chain: {method}", str(reply["error"].get("message", reply["error"])), "an answer")
+        raise ChainError(f"chain: {method}", reply["error"]["message"], "an answer")
     return reply["result"]
 
 
 def _answer(reply: dict[str, Any], name: str) -> Answer:
     if "error" not in reply:
-        return Answer(True, _bytes(reply["result"]))
+        with _readable(name or "eth_call"):
+            return Answer(True, _bytes(reply["result"]))
     data = _revert_data(reply)
     if data is None:
-        raise ChainError(f"chain: {name}", str(reply["error"].get("message", reply["error"])), "an answer")
+        raise ChainError(f"chain: {name}", reply["error"]["message"], "an answer")
     return Answer(False, data)
 
 
@@ -370,7 +383,8 @@ def _revert_data(reply: dict[str, Any]) -> bytes | None:
     if isinstance(data, dict):
         data = data.get("data") or data.get("result")
     if isinstance(data, str) and "0x" in data:
-        return _bytes(data[data.index("0x") :])  # some write "Reverted 0x..."
+        with _readable("eth_call"):
+            return _bytes(data[data.index("0x") :])  # some write "Reverted 0x..."
     return b"" if "revert" in str(error.get("message", "")).lower() else None
 
 
@@ -379,9 +393,9 @@ def _log(entry: dict[str, Any]) -> LogEntry:
         entry["address"].lower(),
         tuple(_bytes(topic) for topic in entry["topics"]),
         _bytes(entry["data"]),
-        int(entry["blockNumber"], 16),
-        int(entry["transactionIndex"], 16),
-        int(entry["logIndex"], 16),
+        _number(entry["blockNumber"]),
+        _number(entry["transactionIndex"]),
+        _number(entry["logIndex"]),
     )
 
 

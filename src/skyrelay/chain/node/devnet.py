@@ -18,7 +18,6 @@ import signal
 import socket
 import subprocess
 import time
-import urllib.request
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
@@ -29,12 +28,17 @@ from typing import Any, Literal
 
 import rlp  # type: ignore[import-untyped]
 import tomli_w
-from eth_account import Account
 from eth_keys.datatypes import PrivateKey
 
 from skyrelay.core.errors import ChainError, UsageError
 from skyrelay.core.files import write_text
 from skyrelay.core.folders import new_folder
+from skyrelay.core.recursion import recursion_limit_kept
+from skyrelay.core.untrusted import parse_json, read_json
+from skyrelay.net.http import Http, HttpError
+
+with recursion_limit_kept():  # as in `skyrelay.chain.accounts`
+    from eth_account import Account
 
 Consensus = Literal["qbft", "clique"]
 
@@ -177,7 +181,7 @@ class Devnet:
         """
         path = directory / _STATE
         try:
-            state = json.loads(path.read_text(encoding="utf-8"))
+            state = read_json(path)
             if state["consensus"] not in ("qbft", "clique"):
                 raise ValueError  # noqa: TRY301
             nodes = [Validator(**node) for node in state["validators"]]
@@ -515,9 +519,7 @@ def _linked(url: str, others: int) -> bool:
 def _number(url: str, method: str) -> int | None:
     """What a method without parameters returns, such as the height of a node's chain; None where it does not answer."""
     ask = json.dumps({"jsonrpc": "2.0", "id": 1, "method": method, "params": []}).encode()
-    request = urllib.request.Request(url, ask, {"Content-Type": "application/json"})  # noqa: S310
     try:
-        with urllib.request.urlopen(request, timeout=2) as answer:  # noqa: S310
-            return int(json.load(answer)["result"], 16)
-    except (OSError, ValueError, KeyError):
+        return int(parse_json(Http(url, timeout=2.0).read(ask, most=4096, deadline=4.0))["result"], 16)
+    except (HttpError, ValueError, KeyError, TypeError):
         return None

@@ -27,6 +27,7 @@ from skyrelay.chain.proof.reference import ReferenceContract
 from skyrelay.chain.proof.replay import Difference, replay
 from skyrelay.chain.proof.sealed import SealedBlocks
 from skyrelay.core.errors import ChainError, RunFolderError
+from skyrelay.core.untrusted import parse_json
 
 CHAIN_FOLDER = "chain"
 SUMMARY = "summary.json"
@@ -185,7 +186,7 @@ def _summary(path: Path, report: AuditReport) -> Mapping[str, Any] | None:
     except OSError as error:
         raise RunFolderError(path, None, f"the summary of a run ({error.strerror})") from error
     try:
-        tree = json.loads(text)
+        tree = parse_json(text)
     except ValueError as error:
         report.differences.append(Difference(SUMMARY, f"not readable ({error})", "JSON"))
         return None
