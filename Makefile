@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 PYTEST := $(BIN)/python -m pytest
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check test-browser test-evm test-contracts test-nodes test-sumo test-peers test-all nodes peers bench clean
+.PHONY: help setup run test check test-browser test-evm test-gpsd test-contracts test-nodes test-sumo test-peers test-all nodes peers bench clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -24,7 +24,7 @@ run: $(READY) ## play the whole system on the Bologna trace; ends in out/bologna
 	@$(BIN)/skyrelay run bologna --out out/bologna --force
 
 test: $(READY) ## all tests that need Python alone
-	$(PYTEST) -n 2 --dist loadgroup -m "not browser and not contracts and not nodes and not evm"
+	$(PYTEST) -n 2 --dist loadgroup -m "not browser and not contracts and not gpsd and not nodes and not evm"
 
 check: $(READY) ## lint, format, types, layers
 	$(BIN)/ruff check .
@@ -53,6 +53,9 @@ $(VENV)/slither/.ready: constraints-slither.txt
 
 test-contracts: $(READY) contracts/node_modules/.ready $(VENV)/slither/.ready ## the contract under attack: Foundry, Slither, the committed artefacts
 	SLITHER=$(CURDIR)/$(VENV)/slither/bin/slither $(PYTEST) -m contracts -n 2
+
+test-gpsd: $(READY) ## positions from Debian's gpsd (apt-get install gpsd)
+	$(PYTEST) -m gpsd
 
 nodes: ## build Kubo, go-ethereum and GoQuorum into .tools/bin (needs Go; minutes the first time)
 	@command -v go >/dev/null || { echo "make nodes needs Go 1.24 or later" >&2; exit 1; }
@@ -87,7 +90,7 @@ peers: $(VENV)/peers/.ready $(VENV)/jaxmarl/.ready ## what the benchmarks of env
 test-peers: $(VENV)/peers/.ready ## BenchMARL and TorchRL train on the game (installs PyTorch, 5 GB)
 	$(VENV)/peers/bin/python -m pytest tests/peers
 
-test-all: check test test-browser test-evm test-contracts test-nodes test-sumo test-peers ## everything
+test-all: check test test-browser test-evm test-gpsd test-contracts test-nodes test-sumo test-peers ## everything
 
 bench: $(READY) ## every benchmark, one after the other; figures and JSON
 	@for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done

@@ -60,6 +60,10 @@ class BusError(SkyRelayError):
     """The message bus is out of reach, or a message does not fit it."""
 
 
+class PositionError(SkyRelayError):
+    """A receiver or an autopilot is not there, or does not say what it should."""
+
+
 class TrainingError(SkyRelayError):
     """Training met a number that is none, or a checkpoint of another run."""
 
