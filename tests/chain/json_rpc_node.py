@@ -183,7 +183,12 @@ class Node:
 
     def _eth_getTransactionByBlockNumberAndIndex(self, block: str, index: str) -> dict[str, Any]:  # noqa: N802
         transaction = self.chain.blocks[int(block, 16) - 1].transactions[int(index, 16)]
-        return {"from": transaction.sender, "to": transaction.to}
+        return {
+            "from": transaction.sender,
+            "to": transaction.to,
+            "nonce": hex(transaction.nonce),
+            "input": "0x" + transaction.data.hex(),
+        }
 
     def _log(self, entry: Any) -> dict[str, Any]:
         return {

@@ -155,18 +155,18 @@ class Contract:
         """What creates the contract with these arguments."""
         return self.bytecode + self._constructor.encode(arguments)
 
-    def matches(self, code: bytes) -> bool:
-        """Whether deployed code is this contract's, whatever it was deployed with."""
-        expected = bytes.fromhex(self._artifact["deployedBytecode"].removeprefix("0x"))
-        return len(code) == len(expected) and self._masked(code) == self._masked(expected)
-
-    def _masked(self, code: bytes) -> bytes:
-        """Deployed code with zeros where the constructor's values stand."""
-        masked = bytearray(code)
-        for places in self._artifact["immutableReferences"].values():
-            for place in places:
-                masked[place["start"] : place["start"] + place["length"]] = bytes(place["length"])
-        return bytes(masked)
+    def creation_arguments(self, data: bytes) -> dict[str, Any] | None:
+        """What the constructor is given by an input that creates this contract; None where it creates another."""
+        if not data.startswith(self.bytecode):
+            return None
+        given = data[len(self.bytecode) :]
+        try:
+            values = decode(self._constructor.types, given)
+            if self._constructor.encode(values) != given:
+                return None
+        except (*_UNDECODABLE, EncodingError):
+            return None
+        return {p["name"]: value for p, value in zip(self._constructor.parameters, values, strict=True)}
 
     def function_of(self, data: bytes) -> Function | None:
         """The function that call data is for."""

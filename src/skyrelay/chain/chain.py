@@ -33,6 +33,16 @@ class Call:
 
 
 @dataclass(frozen=True, slots=True)
+class SentTransaction:
+    """A transaction as it was sent; ``to`` is None where it creates a contract."""
+
+    sender: str
+    nonce: int
+    to: str | None
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class LogEntry:
     """One log.
 
@@ -131,4 +141,12 @@ class Chain(Protocol):
 
     def code(self, address: str) -> bytes:
         """The code of a contract; empty where there is none."""
+        ...
+
+    def transaction(self, block: int, index: int) -> SentTransaction:
+        """The transaction at a place of a block.
+
+        Raises:
+            ChainError: there is none, or the chain is out of reach.
+        """
         ...

@@ -15,6 +15,7 @@ from typing import Any
 
 from skyrelay.chain.abi import ContractError, Event, Function, contract, extension
 from skyrelay.chain.chain import DEFAULT_GAS, Answer, Call, Chain, Receipt
+from skyrelay.chain.genuine import require_genuine
 from skyrelay.core.errors import ChainError
 from skyrelay.core.scenario import Selection
 
@@ -242,16 +243,16 @@ class IovClient:
         if not code:
             raise ChainError("contract", address, f"a contract's address on chain {chain.chain_id}")
         compiled = contract()
-        if not compiled.matches(code):
-            raise ChainError("contract", address, "the code of this version's SkyRelay contract: another one is there")
         deployed = [
             e for e in chain.logs(address, 0, chain.block_number) if e.topics[:1] == (compiled.topic("Deployed"),)
         ]
         if len(deployed) != 1:
-            raise ChainError("contract", address, "exactly one Deployed event")
+            told = "the code of this version's SkyRelay contract: another one is there (it has no Deployed event)"
+            raise ChainError("contract", address, told)
         arguments = compiled.event(deployed[0]).args
-        if not extension().matches(chain.code(arguments["extension"])):
-            raise ChainError("contract extension", arguments["extension"], "the code of this version's extension")
+        helper = str(arguments["extension"])
+        creation = chain.transaction(deployed[0].block, deployed[0].transaction)
+        require_genuine(address, code, helper, chain.code(helper), creation, chain.chain_id)
         return cls(chain, address, _settings(arguments["parameters"]))
 
     # Execution

@@ -26,6 +26,24 @@ def command(
     contract: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="The contract on that node.", show_default=False)
     ] = None,
+    chain_id: Annotated[int | None, typer.Option(help="What the node's chain id must be.", show_default=False)] = None,
+    validators: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS,...", help="The node's validators, as you know them from elsewhere.", show_default=False
+        ),
+    ] = None,
+    head: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HASH",
+            help="A block that must be on the node's chain; of a folder, its record's last block.",
+            show_default=False,
+        ),
+    ] = None,
+    unsealed: Annotated[
+        bool, typer.Option("--unsealed", help="Accept a node whose blocks nobody has sealed (a development node).")
+    ] = False,
     as_json: Json = False,
 ) -> int:
     """Rebuild every selection from the chain alone and name what differs: skyrelay audit out/bologna.
@@ -35,14 +53,20 @@ def command(
     from skyrelay.chain.accounts import Keyring
     from skyrelay.chain.node.chain import NodeChain
     from skyrelay.chain.proof.audit import audit_node, audit_run
+    from skyrelay.chain.proof.root import TrustRoot
 
     def progress(stage: str) -> None:
         typer.echo(f"{stage} ...", err=True)
 
+    named = [] if validators is None else [address.strip() for address in validators.split(",")]
+    root = TrustRoot.of(named, head, unsealed=unsealed)
     if run_dir is not None and not chain and contract is None:
-        report = audit_run(run_dir, progress)
+        if chain_id is not None or named or unsealed:
+            raise UsageError("audit", str(run_dir), "a folder without --chain-id, --validators or --unsealed")
+        report = audit_run(run_dir, progress, head=root.head)
     elif run_dir is None and chain and contract is not None:
-        report = audit_node(NodeChain(chain, Keyring.ephemeral()), contract, progress)
+        node = NodeChain(chain, Keyring.ephemeral(), chain_id=chain_id, root=root)
+        report = audit_node(node, contract, progress, root=root)
     else:
         raise UsageError("audit", None, "a run's folder, or --chain URL with --contract ADDRESS")
 

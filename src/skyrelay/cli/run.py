@@ -22,6 +22,9 @@ def command(
     chain: Annotated[
         str | None, typer.Option("--chain", metavar="URL", help="Run on a node instead of the embedded chain.")
     ] = None,
+    chain_id: Annotated[
+        int | None, typer.Option("--chain-id", help="What the node's chain id must be.", show_default=False)
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a run folder that is already there.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -41,6 +44,8 @@ def command(
     from skyrelay.simulation import play
 
     overrides = [*(override or ()), *([f"chain.url={chain}"] if chain else [])]
+    if chain_id is not None:
+        overrides.append(f"chain.chain_id={chain_id}")
     config = load_scenario(scenario, overrides, seed)
     target = out or Path("runs") / f"{config.name}-{config.seed}"
     with ShownProgress() as progress, new_run_folder(target, replace=force) as folder:

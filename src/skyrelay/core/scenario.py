@@ -199,7 +199,15 @@ class Obstacles(_Section):
 class Chain(_Section):
     """Where the contract lives."""
 
-    url: str | None = Field(None, description="JSON-RPC endpoint; left out: the embedded chain")
+    url: str | None = Field(
+        None, description="JSON-RPC endpoints of one chain, separated by commas; left out: the embedded chain"
+    )
+    chain_id: Annotated[int, Field(ge=1)] | None = Field(
+        None, description="what every endpoint's chain id must be; left out: the first one's"
+    )
+    validators: tuple[str, ...] | None = Field(
+        None, description="addresses that must have sealed the endpoints' blocks; left out: whoever did"
+    )
     keystore: str | None = Field(
         None, description="of this host's accounts, encrypted; left out: keys of this run only"
     )

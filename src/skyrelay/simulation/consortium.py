@@ -13,6 +13,7 @@ from skyrelay.chain.accounts import Keyring
 from skyrelay.chain.client import IovClient, ModelCard, Role, Settings
 from skyrelay.chain.embedded.chain import EmbeddedChain
 from skyrelay.chain.node.chain import NodeChain
+from skyrelay.chain.proof.root import TrustRoot
 from skyrelay.core.scenario import Chain as ChainConfig
 from skyrelay.core.scenario import Scenario
 from skyrelay.policy import Policy, builtin_policies
@@ -112,7 +113,9 @@ def _open_chain(config: ChainConfig, folder: Path) -> EmbeddedChain | NodeChain:
     if config.url is None:
         return EmbeddedChain(folder / CHAIN)
     keyring = Keyring.open(Path(config.keystore)) if config.keystore else Keyring.ephemeral()
-    return NodeChain(config.url, keyring, confirmations=config.confirmations)
+    urls = [url.strip() for url in config.url.split(",")]
+    root = TrustRoot.of(config.validators or ())
+    return NodeChain(urls, keyring, chain_id=config.chain_id, root=root, confirmations=config.confirmations)
 
 
 def chain_card(card: Card) -> ModelCard:

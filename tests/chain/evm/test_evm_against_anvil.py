@@ -82,6 +82,7 @@ class Mirrored:
         self.compared = 0
         self.account = self.chain.account
         self.logs = self.chain.logs
+        self.transaction = self.chain.transaction
         self.chain_id = self.chain.chain_id
         self.block_gas_limit = self.chain.block_gas_limit
 

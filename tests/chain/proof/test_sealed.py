@@ -227,7 +227,7 @@ def test_a_wrong_address_is_refused() -> None:
 
 def test_the_command_audits_a_node(monkeypatch: pytest.MonkeyPatch) -> None:
     tape = TAPES["qbft"]
-    monkeypatch.setattr("skyrelay.chain.node.chain.NodeChain", lambda *_: PlayedChain(tape["answers"]))
+    monkeypatch.setattr("skyrelay.chain.node.chain.NodeChain", lambda *_, **__: PlayedChain(tape["answers"]))
     command = ["audit", "--chain", "https://tape", "--contract", tape["contract"]]
     told = CliRunner().invoke(app, command, standalone_mode=False)
     assert told.return_value == 0

@@ -9,9 +9,10 @@ from types import TracebackType
 from eth_hash.auto import keccak
 
 from skyrelay.chain import evm
-from skyrelay.chain.chain import Answer, Call, LogEntry, Receipt
+from skyrelay.chain.chain import Answer, Call, LogEntry, Receipt, SentTransaction
 from skyrelay.chain.embedded.ledger import (
     FILE_NAME,
+    MAX_GAS_LIMIT,
     Block,
     BlockFile,
     DamagedRecordError,
@@ -52,6 +53,8 @@ class EmbeddedChain:
         gas_limit: int | None = None,
         timestamp: int | None = None,
     ) -> None:
+        if gas_limit is not None and not 0 < gas_limit <= MAX_GAS_LIMIT:
+            raise ChainError("chain: gas_limit", gas_limit, f"1 to {MAX_GAS_LIMIT}")
         self._state = evm.WorldState()
         self._blocks: list[Block] = []
         self._file = BlockFile(path / FILE_NAME) if path is not None else None
@@ -216,6 +219,13 @@ class EmbeddedChain:
         """Of block 0 [s]."""
         return self._genesis.timestamp
 
+    def transaction(self, block: int, index: int) -> SentTransaction:
+        """The transaction at a place of a block."""
+        if not (1 <= block <= len(self._blocks) and 0 <= index < len(self._blocks[block - 1].transactions)):
+            raise ChainError("chain: transaction", f"{index} of block {block}", "one that was executed")
+        told = self._blocks[block - 1].transactions[index]
+        return SentTransaction(told.sender, told.nonce, told.to, told.data)
+
     @property
     def blocks(self) -> Sequence[Block]:
         """All blocks, the first being number 1."""
@@ -286,8 +296,15 @@ class BlockBuilder:
     """Executes transactions into the next block."""
 
     def __init__(
-        self, state: evm.WorldState, genesis: Genesis, blocks: Sequence[Block], parent: str, timestamp: int
+        self,
+        state: evm.WorldState,
+        genesis: Genesis,
+        blocks: Sequence[Block],
+        parent: str,
+        timestamp: int,
+        until: float | None = None,
     ) -> None:
+        self._until = until
         self._state = state
         self._genesis = genesis
         self._number = len(blocks) + 1
@@ -319,6 +336,7 @@ class BlockBuilder:
             data=transaction.data,
             gas=transaction.gas,
             changes=self._changes,
+            until=self._until,
         )
         self._gas_used += outcome.gas_used
         receipt = Receipt(

@@ -22,6 +22,8 @@ from skyrelay.core.errors import ChainError
 from skyrelay.core.untrusted import parse_json
 
 FORMAT = "skyrelay-chain/1"
+MAX_GAS_LIMIT = 1_000_000_000
+"""Of a block: more than Python executes in ten seconds."""
 FILE_NAME = "blocks.jsonl"
 
 
@@ -147,6 +149,8 @@ def decode_genesis(place: str, line: bytes) -> tuple[str, Genesis]:
         known, genesis = tree["format"], Genesis(int(tree["chain_id"]), int(tree["gas_limit"]), int(tree["timestamp"]))
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise DamagedRecordError(place, None, f"a chain's first record ({error})") from error
+    if not 0 < genesis.gas_limit <= MAX_GAS_LIMIT:
+        raise DamagedRecordError(f"{place}: gas limit", genesis.gas_limit, f"1 to {MAX_GAS_LIMIT}")
     if (digest, line) != encode_genesis(genesis):
         raise DamagedRecordError(place, known, f"a first record of the format {FORMAT}, with its SHA-256 before it")
     return digest, genesis

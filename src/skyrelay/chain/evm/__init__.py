@@ -5,7 +5,7 @@ translated code works on (`state`, `frame`) and what it calls (`words`, `gas`, `
 not an existing one: docs/decisions/0020-embedded-chain.md.
 """
 
-from skyrelay.chain.evm.calls import Outcome, contract_address, query, transact
+from skyrelay.chain.evm.calls import Outcome, contract_address, create_at, query, transact
 from skyrelay.chain.evm.gas import INTRINSIC_GAS, intrinsic_gas
 from skyrelay.chain.evm.state import BlockContext, Changes, Log, WorldState
 from skyrelay.chain.evm.words import WORD
@@ -19,6 +19,7 @@ __all__ = [
     "Outcome",
     "WorldState",
     "contract_address",
+    "create_at",
     "intrinsic_gas",
     "query",
     "transact",

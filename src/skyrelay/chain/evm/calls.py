@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from dataclasses import dataclass
 
 import rlp  # type: ignore[import-untyped]
@@ -49,6 +50,7 @@ def transact(
     data: bytes,
     gas: int,
     changes: Changes | None = None,
+    until: float | None = None,
 ) -> Outcome:
     """Execute a transaction of no value at gas price 0, and keep what it changed.
 
@@ -56,10 +58,13 @@ def transact(
         to: the account called; None creates a contract from ``data``.
         gas: the limit; at least `intrinsic_gas`.
         changes: collects what was written.
+        until: by `time.monotonic`, when it must have ended.
     Raises:
-        ChainError: ``gas`` is below the intrinsic gas (such a transaction fits no block).
+        ChainError: ``gas`` is below the intrinsic gas (such a transaction fits no block), or it takes longer
+            than ``until``; then nothing has changed.
     """
     tx = Transaction(state, block, sender)
+    tx.until = until
     try:
         outcome = execute(tx, to, data, gas)
     except BaseException:
@@ -89,6 +94,15 @@ def query(
         return execute(tx, to, data, gas + (intrinsic_gas(data, to is None) if free else 0))
     finally:
         tx.undo(0)
+
+
+def create_at(state: WorldState, block: BlockContext, *, sender: int, address: int, data: bytes, gas: int) -> Outcome:
+    """Create a contract at an address of one's choice, the state being a scratch of the caller's."""
+    tx = Transaction(state, block, sender)
+    tx.warm_accounts[address] = True
+    with recursion_limit_kept():
+        status, left, output, halt = _create_frame(tx, address, sender, 0, data, gas, 0)
+    return Outcome(status, gas - left, output, tuple(tx.logs), address if status else None, halt)
 
 
 def contract_address(sender: int, nonce: int) -> int:
@@ -278,7 +292,7 @@ def _message(
     if f.depth >= MAX_DEPTH or (moves_value and value and tx.state.balances.get(f.address, 0) < value):
         f.gas += given
         return 0
-    _allow_depth(f.depth)
+    _allow(tx, f.depth)
     data = bytes(f.mem[offset : offset + size]) if size else b""
     status, left, output, _ = _call_frame(
         tx, code_address, address, caller, value, data, given, f.depth + 1, static=static, moves_value=moves_value
@@ -315,7 +329,7 @@ def create(f: Frame, value: int, offset: int, size: int, salt: int | None = None
     if address not in tx.warm_accounts:
         tx.put(tx.warm_accounts, address, True)
     tx.put(tx.state.nonces, f.address, nonce + 1)
-    _allow_depth(f.depth)
+    _allow(tx, f.depth)
     status, left, output, halt = _create_frame(tx, address, f.address, value, init, given, f.depth + 1)
     f.gas += left
     if status:
@@ -342,7 +356,9 @@ def self_destruct(f: Frame, heir: int) -> None:
     tx.put(tx.destroyed, f.address, True)
 
 
-def _allow_depth(depth: int) -> None:
-    """A chain of calls is as many Python calls deep, three for each."""
+def _allow(tx: Transaction, depth: int) -> None:
+    """Another frame: a chain of calls is as many Python calls deep, three for each."""
+    if tx.until is not None and time.monotonic() > tx.until:
+        raise ChainError("chain: a transaction", "still running", "one that ends within the time for its record")
     if depth == 100 and sys.getrecursionlimit() < 8 * MAX_DEPTH:
         sys.setrecursionlimit(8 * MAX_DEPTH)

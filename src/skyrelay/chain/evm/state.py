@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 ACCESSED_ADDRESS_GAS, ACCESSED_SLOT_GAS = 2400, 1900
 
+MANY_TRACES = 1024
+"""Code with more places to begin at has its further traces cut short: it was made to be translated over and over."""
+
 Trace = Callable[["Frame", list[int]], int]
 
 
@@ -72,7 +75,7 @@ class Code:
         """The trace from ``pc``, translated now."""
         from skyrelay.chain.evm.translate import translate
 
-        trace = self.traces[pc] = translate(self, pc, follow_jumps=True)
+        trace = self.traces[pc] = translate(self, pc, follow_jumps=True, short=len(self.traces) > MANY_TRACES)
         return trace
 
     def straight_trace(self, pc: int) -> Trace:
@@ -127,6 +130,9 @@ class Transaction:
     Args:
         price: of gas, as GASPRICE tells it.
         access: addresses and slots that are warm from the start, and paid for (EIP-2930).
+
+    Attributes:
+        until: by `time.monotonic`, when it must have ended; None: gas alone bounds it.
     """
 
     __slots__ = (
@@ -141,6 +147,7 @@ class Transaction:
         "price",
         "refund",
         "state",
+        "until",
         "warm_accounts",
         "warm_slots",
     )
@@ -158,6 +165,7 @@ class Transaction:
         self.block = block
         self.origin = origin
         self.price = price
+        self.until: float | None = None
         self.access_gas = 0
         self.warm_accounts: dict[int, Any] = dict.fromkeys(range(1, 10), True)
         self.warm_accounts[origin] = True

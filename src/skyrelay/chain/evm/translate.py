@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 MAX_OPERATIONS = 400
 """Of a trace; one that reaches it ends at the next place where it can."""
 
+SHORT_OPERATIONS = 16
+
 Item = int | str
 """On the translator's stack: a constant, or the name of a local."""
 
@@ -124,13 +126,14 @@ _NAMES: dict[str, Any] = {
 }
 
 
-def translate(code: Code, pc: int, *, follow_jumps: bool) -> Trace:
+def translate(code: Code, pc: int, *, follow_jumps: bool, short: bool = False) -> Trace:
     """The trace of ``code`` from ``pc``.
 
     Args:
         follow_jumps: continue through jumps to known places; if not, end at the first jump or place where one may land.
+        short: end at the first such place after `SHORT_OPERATIONS`.
     """
-    source = _Translator(code, pc, follow_jumps).source()
+    source = _Translator(code, pc, follow_jumps, SHORT_OPERATIONS if short else MAX_OPERATIONS).source()
     names: dict[str, Any] = {
         **_NAMES,
         "destinations": code.jump_destinations,
@@ -143,7 +146,8 @@ def translate(code: Code, pc: int, *, follow_jumps: bool) -> Trace:
 class _Translator:
     """Writes one trace."""
 
-    def __init__(self, code: Code, start: int, follow_jumps: bool) -> None:
+    def __init__(self, code: Code, start: int, follow_jumps: bool, longest: int) -> None:
+        self.longest = longest
         self.code = code
         self.start = start
         self.follow_jumps = follow_jumps
@@ -174,7 +178,7 @@ class _Translator:
             operations += 1
             op = code[pc] if pc < len(code) else 0x00
             if op == 0x5B:
-                if operations > 1 and (not self.follow_jumps or pc in visited or operations > MAX_OPERATIONS):
+                if operations > 1 and (not self.follow_jumps or pc in visited or operations > self.longest):
                     self._leave(pc)
                     return
                 visited.add(pc)
@@ -206,7 +210,7 @@ class _Translator:
                 if target not in destinations:
                     self._line("raise Halt('bad jump')")
                     return
-                if not self.follow_jumps or target in visited or operations > MAX_OPERATIONS:
+                if not self.follow_jumps or target in visited or operations > self.longest:
                     self._leave(target)
                     return
                 pc = target

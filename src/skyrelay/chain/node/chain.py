@@ -13,8 +13,9 @@ from contextlib import contextmanager
 from typing import Any
 
 from skyrelay.chain.accounts import Keyring
-from skyrelay.chain.chain import Answer, Call, LogEntry, Receipt
+from skyrelay.chain.chain import Answer, Call, LogEntry, Receipt, SentTransaction
 from skyrelay.chain.node.rpc import Endpoints, Reply, Request
+from skyrelay.chain.proof.root import TrustRoot
 from skyrelay.core.errors import ChainError
 
 WINDOW = 1000
@@ -32,6 +33,7 @@ class NodeChain:
         keyring: of this host's members.
         chain_id: what the chain's id must be; None where any will do.
         genesis: what the hash of its first block must be; None where any will do.
+        root: validators and a block that every endpoint has to show before it is believed; None: whoever it is.
         confirmations: blocks on top of a receipt's before it counts: 0 where blocks are final (QBFT, IBFT), on Clique
             half of the signers and one.
         patience: how long nodes may be out of reach, or nothing of ours be mined, before that is an error [s].
@@ -48,12 +50,15 @@ class NodeChain:
         *,
         chain_id: int | None = None,
         genesis: str | None = None,
+        root: TrustRoot | None = None,
         confirmations: int = 0,
         patience: float = 120.0,
         poll: float = 0.25,
         rebroadcast: float = 5.0,
     ) -> None:
-        self._nodes = Endpoints([urls] if isinstance(urls, str) else list(urls), chain_id, genesis)
+        self._nodes = Endpoints(
+            [urls] if isinstance(urls, str) else list(urls), chain_id, genesis, root.check if root else None
+        )
         self._keyring = keyring
         self._confirmations = confirmations
         self._patience = patience
@@ -136,6 +141,16 @@ class NodeChain:
         """The code of a contract; empty where there is none."""
         with _readable("eth_getCode"):
             return _bytes(self._one("eth_getCode", address, "latest"))
+
+    def transaction(self, block: int, index: int) -> SentTransaction:
+        """The transaction at a place of a block, as the node tells it."""
+        method = "eth_getTransactionByBlockNumberAndIndex"
+        told = self._one(method, hex(block), hex(index))
+        with _readable(method):
+            to = told["to"]
+            return SentTransaction(
+                told["from"].lower(), _number(told["nonce"]), None if to is None else to.lower(), _bytes(told["input"])
+            )
 
     # Beyond it
 

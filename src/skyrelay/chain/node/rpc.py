@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from skyrelay.core.errors import ChainError
@@ -19,6 +19,7 @@ REQUEST_SECONDS = 60.0
 """What one HTTP call may take, from the first byte sent to the last received."""
 
 Request = tuple[str, list[Any]]
+Vouch = Callable[[str, Callable[[str, list[Any]], Any]], None]
 Reply = dict[str, Any]
 """``result``, or ``error`` with at least a ``message``."""
 
@@ -94,15 +95,19 @@ class Endpoints:
         urls: at least one.
         chain_id: what the id must be; None: the first node's.
         genesis: what the hash of block 0 must be; None: the first node's.
+        vouch: looks at whatever else a node must show; given its name and what asks it.
     Raises:
         ChainError: an address is none.
     """
 
-    def __init__(self, urls: Sequence[str], chain_id: int | None, genesis: str | None) -> None:
+    def __init__(
+        self, urls: Sequence[str], chain_id: int | None, genesis: str | None, vouch: Vouch | None = None
+    ) -> None:
         if not urls:
             raise ChainError("chain url", None, "http:// or https:// and a node's address")
         self._endpoints = [_Endpoint(url) for url in urls]
         self._batch = BATCH
+        self._vouch = vouch
         self._identity: tuple[int | None, str | None] = (chain_id, genesis)
 
     @property
@@ -188,6 +193,12 @@ class Endpoints:
             raise ChainError(f"{endpoint.name}: chain id", number, f"{expected_id}: this is another network")
         if expected_genesis not in (None, genesis):
             raise ChainError(f"{endpoint.name}: first block", genesis, f"{expected_genesis}: this is another network")
+        if self._vouch is not None:
+
+            def ask(method: str, parameters: list[Any]) -> Any:
+                return endpoint.ask([(method, parameters)])[0].get("result")
+
+            self._vouch(endpoint.name, ask)
         self._identity = (number, genesis)
         endpoint.known = True
 

@@ -18,13 +18,16 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from skyrelay.chain.abi import Event, contract, extension
-from skyrelay.chain.chain import LogEntry
+from skyrelay.chain import evm
+from skyrelay.chain.abi import Event, contract
+from skyrelay.chain.chain import LogEntry, SentTransaction
 from skyrelay.chain.client import IovClient
 from skyrelay.chain.embedded.ledger import FILE_NAME, Block
+from skyrelay.chain.genuine import genuine_code, require_genuine
 from skyrelay.chain.node.chain import NodeChain
 from skyrelay.chain.proof.reference import ReferenceContract
 from skyrelay.chain.proof.replay import Difference, replay
+from skyrelay.chain.proof.root import TrustRoot
 from skyrelay.chain.proof.sealed import SealedBlocks
 from skyrelay.core.errors import ChainError, RunFolderError
 from skyrelay.core.untrusted import parse_json
@@ -62,11 +65,12 @@ class AuditReport:
         return not self.differences
 
 
-def audit_run(folder: Path, progress: Progress = _in_silence) -> AuditReport:
+def audit_run(folder: Path, progress: Progress = _in_silence, *, head: str | None = None) -> AuditReport:
     """Audit a run folder.
 
     Args:
         progress: is told the name of each stage.
+        head: hash of the record's last block, from elsewhere; None: any record.
     Raises:
         RunFolderError: the folder has no chain's record or no summary.
     """
@@ -80,10 +84,12 @@ def audit_run(folder: Path, progress: Progress = _in_silence) -> AuditReport:
     report.differences += done.differences
     report.checked["blocks"] = len(done.blocks)
     report.checked["transactions"] = done.transactions
+    if head is not None and head.lower() != done.head:
+        report.differences.append(Difference("the record's last block", done.head, head.lower()))
     _compare_summary(summary, {"chain_head": done.head, "blocks": len(done.blocks)}, report)
 
     address = summary.get("contract") if summary else None
-    deployed = _deployments(done.blocks)
+    deployed = _deployments(done.blocks, done.chain_id)
     if address not in deployed:
         if summary is not None:
             report.differences.append(Difference(f"{SUMMARY}: contract", str(address), " or ".join(deployed) or "none"))
@@ -100,7 +106,7 @@ def audit_run(folder: Path, progress: Progress = _in_silence) -> AuditReport:
         if entry.address == address
     ]
     transactions = {
-        (block.number, index): (transaction.sender, transaction.to)
+        (block.number, index): SentTransaction(transaction.sender, transaction.nonce, transaction.to, transaction.data)
         for block in done.blocks
         for index, transaction in enumerate(block.transactions)
     }
@@ -110,13 +116,16 @@ def audit_run(folder: Path, progress: Progress = _in_silence) -> AuditReport:
     return report
 
 
-def audit_node(chain: NodeChain, address: str, progress: Progress = _in_silence) -> AuditReport:
+def audit_node(
+    chain: NodeChain, address: str, progress: Progress = _in_silence, *, root: TrustRoot | None = None
+) -> AuditReport:
     """Audit a contract on a node.
 
     Nothing that the node says is taken on trust but what `AuditReport.given` names.
 
     Args:
         progress: is told the name of each stage.
+        root: what the reader knows of the chain; None: nothing, and that its blocks must be sealed.
     Raises:
         ChainError: the chain is out of reach, or the address is not this contract's.
     """
@@ -126,7 +135,7 @@ def audit_node(chain: NodeChain, address: str, progress: Progress = _in_silence)
     progress("reading the events")
     told = chain.logs(client.address, 0, last)
     progress("checking blocks, seals, transactions and receipts")
-    blocks = SealedBlocks(chain, client.address, report)
+    blocks = SealedBlocks(chain, client.address, report, root or TrustRoot())
     blocks.read(told[0].block if told else last, last)
     if blocks.logs != told:
         report.differences.append(
@@ -134,22 +143,33 @@ def audit_node(chain: NodeChain, address: str, progress: Progress = _in_silence)
         )
     progress("rebuilding every selection")
     events = _follow(blocks.logs, blocks.transactions, client.address, report)
-    deployed = [event.args["extension"].lower() for event in events if event.name == "Deployed"]
-    blocks.check_code({client.address: contract(), **dict.fromkeys(deployed[:1], extension())})
+    for event in [event for event in events if event.name == "Deployed"][:1]:
+        helper = event.args["extension"].lower()
+        creation = blocks.transactions[event.block, event.transaction]
+        try:
+            genuine = genuine_code(client.address, helper, creation, chain.chain_id)
+        except ChainError as error:
+            report.differences.append(Difference(error.place, str(error.value), error.expected))
+        else:
+            blocks.check_code({client.address: genuine.contract, helper: genuine.extension})
     return report
 
 
 def _follow(
     logs: Sequence[LogEntry],
-    transactions: Mapping[tuple[int, int], tuple[str, str | None]],
+    transactions: Mapping[tuple[int, int], SentTransaction],
     address: str,
     report: AuditReport,
 ) -> list[Event]:
     """Have the reference follow the contract's events."""
 
     def sender_of(event: Event) -> str | None:
-        sender, to = transactions[event.block, event.transaction]
-        return sender if to in (address, None) else None
+        """Who called the contract; None where another contract did, be it one under construction."""
+        sent = transactions[event.block, event.transaction]
+        called = sent.to
+        if called is None:
+            called = f"0x{evm.contract_address(int(sent.sender, 16), sent.nonce):040x}"
+        return sent.sender if called == address else None
 
     events = []
     for entry in logs:
@@ -164,19 +184,23 @@ def _follow(
     return events
 
 
-def _deployments(blocks: Sequence[Block]) -> list[str]:
+def _deployments(blocks: Sequence[Block], chain_id: int) -> list[str]:
     """Addresses where this version's contract was created, with this version's extension."""
     codes = {address: code for block in blocks for address, code in block.writes.codes.items()}
-    deployed = contract().topic("Deployed")
-    return [
-        entry.address
-        for block in blocks
-        for receipt in block.receipts
-        for entry in receipt.logs
-        if entry.topics[:1] == (deployed,)
-        and contract().matches(codes.get(entry.address, b""))
-        and extension().matches(codes.get(contract().event(entry).args["extension"], b""))
-    ]
+    topic = contract().topic("Deployed")
+    found = []
+    for block in blocks:
+        for sent, receipt in zip(block.transactions, block.receipts, strict=True):
+            for entry in [entry for entry in receipt.logs if entry.topics[:1] == (topic,)]:
+                creation = SentTransaction(sent.sender, sent.nonce, sent.to, sent.data)
+                try:
+                    helper = str(contract().event(entry).args["extension"])
+                    code, helper_code = codes.get(entry.address, b""), codes.get(helper, b"")
+                    require_genuine(entry.address, code, helper, helper_code, creation, chain_id)
+                except ChainError:
+                    continue
+                found.append(entry.address)
+    return found
 
 
 def _summary(path: Path, report: AuditReport) -> Mapping[str, Any] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from skyrelay.chain.embedded.ledger import (
     Block,
     DamagedRecordError,
     Genesis,
+    Transaction,
     Writes,
     content_hash,
     decode_genesis,
@@ -23,6 +25,10 @@ from skyrelay.chain.embedded.ledger import (
     split,
 )
 from skyrelay.core.errors import ChainError, RunFolderError
+
+GAS, GAS_PER_BYTE = 150_000_000, 1_000
+"""What a record may spend whatever its length, and for each byte: real ones spend some 50."""
+SECONDS, SECONDS_PER_BYTE = 60.0, 200e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +63,41 @@ class Replay:
         return sum(len(block.transactions) for block in self.blocks)
 
 
+@dataclass
+class _Budget:
+    """What executing a record may cost, by its length: a short record must not keep the audit busy for hours.
+
+    Attributes:
+        gas: still to be spent.
+        until: by `time.monotonic`.
+    """
+
+    gas: int
+    until: float
+
+    @classmethod
+    def of(cls, size: int) -> _Budget:
+        """For a record of so many bytes: ten to a hundred times what those of real runs take."""
+        return cls(GAS + GAS_PER_BYTE * size, time.monotonic() + SECONDS + SECONDS_PER_BYTE * size)
+
+    def check(self, transaction: Transaction, place: str) -> None:
+        """A transaction must not be able to spend more than there is.
+
+        Raises:
+            DamagedRecordError: it can.
+        """
+        if transaction.gas > self.gas:
+            raise DamagedRecordError(
+                f"{place}: gas limit",
+                transaction.gas,
+                f"at most {self.gas}, what the record's length still accounts for",
+            )
+
+    def spend(self, gas: int) -> None:
+        """Take what a transaction has used."""
+        self.gas -= gas
+
+
 def replay(folder: Path) -> Replay:
     """Check a chain's folder.
 
@@ -75,12 +116,13 @@ def replay(folder: Path) -> Replay:
     try:
         digest, genesis = decode_genesis("block 0", lines[0])
     except ChainError as error:
-        return Replay(0, "", [], [Difference("block 0", _found(error), error.expected)])
+        return Replay(0, "", [], [Difference(error.place, _found(error), error.expected)])
     result = Replay(genesis.chain_id, digest, [], [])
+    budget = _Budget.of(sum(map(len, lines)))
     state = evm.WorldState()
     for number, line in enumerate(lines[1:], 1):
         try:
-            _check_line(result, state, genesis, number, line)
+            _check_line(result, state, genesis, number, line, budget)
         except DamagedRecordError as error:
             rest = len(lines) - number - 1
             result.differences.append(Difference(error.place, _found(error), error.expected))
@@ -90,7 +132,9 @@ def replay(folder: Path) -> Replay:
     return result
 
 
-def _check_line(result: Replay, state: evm.WorldState, genesis: Genesis, number: int, line: bytes) -> None:
+def _check_line(
+    result: Replay, state: evm.WorldState, genesis: Genesis, number: int, line: bytes, budget: _Budget
+) -> None:
     """Execute one recorded block again, add it to the result, and name every difference."""
     place = f"block {number}"
     if not line.endswith(b"\n"):
@@ -109,7 +153,7 @@ def _check_line(result: Replay, state: evm.WorldState, genesis: Genesis, number:
     earliest = result.blocks[-1].timestamp if result.blocks else genesis.timestamp
     if recorded.timestamp < earliest:
         differences.append(Difference(f"{place}: timestamp", str(recorded.timestamp), f"no less than {earliest}"))
-    builder = BlockBuilder(state, genesis, result.blocks, expected_parent, recorded.timestamp)
+    builder = BlockBuilder(state, genesis, result.blocks, expected_parent, recorded.timestamp, budget.until)
     for index, transaction in enumerate(recorded.transactions):
         name = f"{place}, transaction {index} ({_describe(transaction.to, transaction.data)} by {transaction.sender})"
         try:
@@ -118,7 +162,11 @@ def _check_line(result: Replay, state: evm.WorldState, genesis: Genesis, number:
                 differences.append(Difference(f"{name}: nonce", str(transaction.nonce), str(nonce)))
             if not builder.has_room(transaction.gas):
                 differences.append(Difference(f"{name}: gas limit", str(transaction.gas), "within the block's limit"))
+            budget.check(transaction, name)
             executed = builder.add(transaction)
+            budget.spend(executed.gas_used)
+        except DamagedRecordError:
+            raise
         except (ChainError, ValueError, OverflowError) as error:
             raise DamagedRecordError(name, None, f"a transaction that can be executed ({error})") from error
         differences += _compare_receipts(name, recorded.receipts[index], executed)

@@ -8,8 +8,7 @@ from typing import Any, Protocol
 
 from eth_hash.auto import keccak
 
-from skyrelay.chain.abi import Contract
-from skyrelay.chain.chain import LogEntry
+from skyrelay.chain.chain import LogEntry, SentTransaction
 from skyrelay.chain.node.chain import NodeChain
 from skyrelay.chain.proof.headers import (
     UNREADABLE,
@@ -25,7 +24,12 @@ from skyrelay.chain.proof.headers import (
     transactions_root,
 )
 from skyrelay.chain.proof.replay import Difference
+from skyrelay.chain.proof.root import TrustRoot
 from skyrelay.chain.proof.trie import proven
+
+_ANY = TrustRoot()
+_BY_VALIDATORS, _BY_ONE, _BY_NOBODY = "a quorum of validators", "one signer", "nobody"
+"""How the headers of a chain are sealed: by QBFT and IBFT, by Clique, not at all."""
 
 _AT_ONCE = 100
 """Blocks that are asked for together."""
@@ -44,20 +48,25 @@ class SealedBlocks:
 
     Args:
         report: takes counts, differences, and what the reader must know to be right.
+        root: what the reader knows.
 
     Attributes:
         logs: of the contract, as the receipts have them, in order.
-        transactions: sender and recipient of those in blocks with logs, by block and place.
+        transactions: those in blocks with logs, by block and place.
     """
 
-    def __init__(self, chain: NodeChain, address: str, report: Findings) -> None:
+    def __init__(self, chain: NodeChain, address: str, report: Findings, root: TrustRoot = _ANY) -> None:
         self.logs: list[LogEntry] = []
-        self.transactions: dict[tuple[int, int], tuple[str, str | None]] = {}
+        self.transactions: dict[tuple[int, int], SentTransaction] = {}
         self._chain = chain
         self._address = address
         self._report = report
         self._parent: str | None = None
+        self._root = root
+        self._kind: str | None = None
+        self._first_validators: frozenset[str] | None = None
         self._validators: frozenset[str] | None = None
+        self._head_seen = False
         self._sealed: Counter[str] = Counter()
         self._state = (0, "0x")
 
@@ -79,12 +88,13 @@ class SealedBlocks:
                     self._differs(place, f"not readable ({error!r})", "a block of Ethereum's JSON-RPC")
                     self._parent = None
             self._read_logs(checked)
+        self._check_root(last)
         self._report.given[f"block {last}"] = self._parent or "none that can be read"
         sealers = ", ".join(f"{address} ({count:,})" for address, count in sorted(self._sealed.items()))
         self._report.given["blocks sealed by"] = sealers or "nobody: this chain's headers carry no seals"
 
-    def check_code(self, contracts: Mapping[str, Contract]) -> None:
-        """Check what stands at these addresses in the last block's state, by proof.
+    def check_code(self, contracts: Mapping[str, bytes]) -> None:
+        """Check that these codes stand at these addresses in the last block's state, by proof.
 
         Raises:
             ChainError: the node is out of reach, or gives no proof.
@@ -103,7 +113,7 @@ class SealedBlocks:
                 self._differs(place, f"no proof ({error!r})", f"one that leads to the state's root {root}")
                 continue
             self._report.checked["contracts' code proven"] += 1
-            if not expected.matches(code):
+            if code != expected:
                 self._differs(place, f"{len(code)} other bytes", "the code of this version")
             elif proven_hash != keccak(code):
                 self._differs(place, f"0x{keccak(code).hex()}", f"0x{proven_hash.hex()} by the state")
@@ -119,14 +129,22 @@ class SealedBlocks:
             self._differs(f"{place}: parent", str(told["parentHash"]), f"{self._parent}, the block before")
         self._check_seal(place, seal)
         self._parent = digest
+        self._head_seen |= digest == self._root.head
         self._state = (number, told["stateRoot"])
 
     def _check_seal(self, place: str, seal: Seal) -> None:
         """Enough of the validators, and validators whom enough of those before them accepted."""
         self._sealed.update(seal.signers)
         self._report.checked["seals"] += len(seal.signers)
+        kind = _BY_VALIDATORS if seal.validators is not None else _BY_ONE if seal.signers else _BY_NOBODY
+        if self._kind is None:
+            self._kind, self._first_validators = kind, seal.validators
+        if kind != self._kind:
+            self._differs(f"{place}: sealed by", kind, f"{self._kind}, as the blocks before it")
         if seal.validators is None:
             return
+        if not seal.validators:
+            self._differs(f"{place}: validators", "none", "those that may seal")
         if not seal.signers <= seal.validators:
             strangers = ", ".join(sorted(seal.signers - seal.validators))
             self._differs(f"{place}: sealed by", strangers, "validators that its header names")
@@ -134,15 +152,31 @@ class SealedBlocks:
         if entitled < seal.quorum:
             self._differs(f"{place}: seals", f"of {entitled} validators", f"of {seal.quorum} at least")
         if self._validators is not None and seal.validators != self._validators:
-            # Fewer than a third are dishonest, so one honest validator is among these signers and has seen the vote.
+            # A vote adds or removes one. Fewer than a third are dishonest, so one honest validator is among these
+            # signers and has seen the vote.
             self._report.checked["changes of the validators"] += 1
-            if 3 * len(seal.signers & self._validators) <= len(self._validators):
+            known = len(seal.signers & self._validators)
+            if len(seal.validators ^ self._validators) != 1 or 3 * known <= len(self._validators):
                 self._differs(
                     f"{place}: validators",
                     ", ".join(sorted(seal.validators)),
-                    "a set that more than a third of the one before has sealed",
+                    "those before with one more or one fewer, sealed by more than a third of those before",
                 )
         self._validators = seal.validators
+
+    def _check_root(self, last: int) -> None:
+        """What was read is of the chain that the reader knows."""
+        root, place = self._root, f"block {last}: sealed by"
+        if self._kind == _BY_NOBODY and not root.unsealed and (root.head is None or root.head != self._parent):
+            self._differs(place, _BY_NOBODY, "validators (a chain without seals only where it is asked for)")
+        if root.validators is not None:
+            expected = f"the validators {', '.join(sorted(root.validators))}"
+            if self._kind == _BY_VALIDATORS and root.validators not in (self._first_validators, self._validators):
+                self._differs(place, ", ".join(sorted(self._validators or ())), expected)
+            elif self._kind != _BY_VALIDATORS and (not self._sealed or not self._sealed.keys() <= root.validators):
+                self._differs(place, ", ".join(sorted(self._sealed)) or "nobody", expected)
+        if root.head is not None and not self._head_seen:
+            self._differs(f"blocks to {last}", f"none of the hash {root.head}", "that block among them")
 
     def _check_transactions(self, place: str, told: Mapping[str, Any]) -> list[Transaction]:
         root = transactions_root([raw_transaction(entry) for entry in told["transactions"]])
@@ -178,7 +212,11 @@ class SealedBlocks:
                     place, f"receipts not readable ({error!r})", "receipts in the form of Ethereum's JSON-RPC"
                 )
             for index, known in enumerate(transactions):
-                self.transactions[number, index] = (known.sender, known.to)
+                told_as = block["transactions"][index]
+                sent = SentTransaction(
+                    known.sender, int(told_as["nonce"], 16), known.to, bytes.fromhex(told_as["input"][2:])
+                )
+                self.transactions[number, index] = sent
 
     def _differs(self, place: str, found: str, expected: str) -> None:
         self._report.differences.append(Difference(place, found, expected))
