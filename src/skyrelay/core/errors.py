@@ -61,7 +61,11 @@ class BusError(SkyRelayError):
 
 
 class PositionError(SkyRelayError):
-    """A receiver or an autopilot is not there, or does not say what it should."""
+    """A receiver is not there, or does not say what it should."""
+
+
+class AutopilotError(SkyRelayError):
+    """An autopilot is not there, or does not do what it is asked."""
 
 
 class TrainingError(SkyRelayError):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import hmac
 import json
 import re
 import sys
@@ -15,6 +13,7 @@ from types import TracebackType
 from typing import Any
 
 from skyrelay.core.errors import ChainError, UsageError
+from skyrelay.pilot.access import Access
 from skyrelay.pilot.signed_chain import INVALID, PARSE, SERVER, RpcError, SignedChain
 
 LARGEST_BODY = 8 * 1024 * 1024
@@ -41,13 +40,11 @@ class ChainServer:
     """
 
     def __init__(self, chain: SignedChain, listen: str, token: str | None = None) -> None:
-        host, port = _listen_address(listen)
-        if token is None and not is_loopback(host):
-            raise UsageError("--listen", listen, "a loopback address, or a token for those who call from elsewhere")
-        self._chain, self._token = chain, token
+        self.access = Access(listen, token, "--listen")
+        self._chain = chain
         self._failure: ChainError | None = None
         try:
-            self._http = _Http((host, port), self)
+            self._http = _Http(self.access.address, self)
         except OSError as error:
             raise UsageError("--listen", listen, f"an address that is free ({error.strerror})") from None
 
@@ -71,18 +68,6 @@ class ChainServer:
     def stop(self) -> None:
         """Have `serve` return; not from the thread that serves."""
         self._http.shutdown()
-
-    def allows(self, authorization: str | None) -> bool:
-        """Whether a request may be answered."""
-        if self._token is None:
-            return True
-        scheme, _, given = (authorization or "").partition(" ")
-        if scheme.lower() == "basic":
-            try:
-                given = base64.b64decode(given, validate=True).decode().partition(":")[2]
-            except ValueError:
-                return False
-        return hmac.compare_digest(given.encode(), self._token.encode())
 
     def answer(self, body: bytes) -> bytes:
         """The reply to a request's body."""
@@ -157,7 +142,7 @@ class _Handler(BaseHTTPRequestHandler):
     def do_POST(self) -> None:
         server = self.server.chain_server
         length = self.headers.get("content-length", "")
-        if not server.allows(self.headers.get("authorization")):
+        if not server.access.allows(self.headers.get("authorization")):
             self._refuse(HTTPStatus.UNAUTHORIZED, "the server's token is expected")
         elif self.headers.get_content_type() != "application/json":
             # A page in a browser can send other types to this machine without being asked about it.
@@ -186,18 +171,6 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: object) -> None:
         """Nothing: what clients send is theirs."""
-
-
-def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches an address."""
-    return host in ("localhost", "::1") or host.startswith("127.")
-
-
-def _listen_address(listen: str) -> tuple[str, int]:
-    host, colon, port = listen.rpartition(":")
-    if not (colon and host and port.isascii() and port.isdigit() and int(port) < 1 << 16):
-        raise UsageError("--listen", listen, "HOST:PORT, e.g. 127.0.0.1:8545")
-    return host, int(port)
 
 
 _BRACKETS = re.compile(rb'"(?:[^"\\]|\\.)*+"?|[\[{]|[\]}]', re.DOTALL)

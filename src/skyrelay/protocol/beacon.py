@@ -189,6 +189,10 @@ class BeaconGate:
         self.admitted += 1
         return beacon
 
+    def dropped_by_reason(self) -> dict[str, int]:
+        """How many were dropped for each reason there is; may be asked from any thread."""
+        return {reason.value: self.dropped[reason] for reason in Dropped}
+
     def _fault(self, sealed: SealedBeacon, now: float) -> Dropped | None:
         beacon, certificate = sealed.beacon, sealed.certificate
         if beacon.sender not in (self._uavs if beacon.to is None else self._vehicles):
