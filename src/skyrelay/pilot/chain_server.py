@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import sys
 import threading
 from http import HTTPStatus
@@ -13,6 +12,7 @@ from types import TracebackType
 from typing import Any
 
 from skyrelay.core.errors import ChainError, UsageError
+from skyrelay.core.untrusted import parse_json
 from skyrelay.pilot.access import Access
 from skyrelay.pilot.signed_chain import INVALID, PARSE, SERVER, RpcError, SignedChain
 
@@ -72,7 +72,7 @@ class ChainServer:
     def answer(self, body: bytes) -> bytes:
         """The reply to a request's body."""
         try:
-            tree = json.loads(body) if _depth(body) <= DEEPEST else None
+            tree = parse_json(body, size=LARGEST_BODY, depth=DEEPEST)
         except ValueError:
             tree = None
         if tree is None:
@@ -171,19 +171,6 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: object) -> None:
         """Nothing: what clients send is theirs."""
-
-
-_BRACKETS = re.compile(rb'"(?:[^"\\]|\\.)*+"?|[\[{]|[\]}]', re.DOTALL)
-
-
-def _depth(body: bytes) -> int:
-    """How deep lists and objects stand within each other; the parser itself would go on until the stack is full."""
-    depth = deepest = 0
-    for token in _BRACKETS.finditer(body):
-        first = body[token.start()]
-        depth += 1 if first in b"[{" else -1 if first in b"]}" else 0
-        deepest = max(deepest, depth)
-    return deepest
 
 
 def _is_request(item: Any) -> bool:

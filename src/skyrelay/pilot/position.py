@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import socket
 import threading
@@ -12,6 +11,7 @@ from types import TracebackType
 from typing import Protocol
 
 from skyrelay.core.errors import PositionError, UsageError
+from skyrelay.core.untrusted import parse_json
 from skyrelay.pilot.geodesy import Frame
 from skyrelay.protocol.messages import Fix
 
@@ -107,14 +107,14 @@ class Gpsd:
     def _take(self, line: bytes) -> None:
         """Note a report of the time, position and velocity; the others are of no use here."""
         try:
-            report = json.loads(line)
+            report = parse_json(line, size=LONGEST_LINE)
             if report["class"] != "TPV":
                 return
             position = None
             if report["mode"] >= _FLAT:
                 position = self._frame.to_plane(_number(report["lat"], 90.0), _number(report["lon"], 180.0))
             fix = Fix(position, self._battery, _number(report.get("speed", 0.0), 1000.0))
-        except (ValueError, KeyError, TypeError, RecursionError):
+        except (ValueError, KeyError, TypeError):
             self.ignored += 1
             return
         with self._lock:
@@ -139,10 +139,10 @@ def _connected(address: tuple[str, int], patience: float) -> socket.socket:
             if not byte:
                 break
             greeting += byte
-        greeted = json.loads(greeting)["class"] == "VERSION"
+        greeted = parse_json(greeting, size=LONGEST_LINE)["class"] == "VERSION"
         line.sendall(_WATCH)
         line.settimeout(None)
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+    except (OSError, ValueError, KeyError, TypeError):
         greeted = False
     if not greeted:
         line.close()
