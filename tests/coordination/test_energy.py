@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from in_flight import observe_team
 
 from skyrelay.airspace.maps import map_names, normalise
 from skyrelay.coordination import game
@@ -16,7 +17,6 @@ from skyrelay.coordination.energy import Batteries
 from skyrelay.coordination.pettingzoo import UavCoordination
 from skyrelay.coordination.settings import Shape, physical
 from skyrelay.coordination.testing import check_parallel_env
-from skyrelay.policy import observe_team
 
 SHAPE = Shape(3, 6, n=5, steps=12, energy=True)
 DOMAIN = replace(physical((3, 3), (6, 6)), batteries=Batteries(radius=(0.1, 0.1)))

@@ -3,21 +3,38 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import game_reference as reference
+import in_flight as flying
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from skyrelay.airspace.guard import safe_moves
-from skyrelay.airspace.maps import COVER_SCALE, LOCAL_VEHICLES, PAPER_MAPS, VEHICLE_SCALE, map_names, normalise, safe_of
+from skyrelay.airspace.maps import (
+    GLOBAL_VEHICLES,
+    LOCAL_VEHICLES,
+    MAPS,
+    PAPER_MAPS,
+    VEHICLE_SCALE,
+    map_names,
+    normalise,
+    safe_of,
+)
+from skyrelay.airspace.observation import Scene
 from skyrelay.coordination import game, observation
 from skyrelay.coordination.settings import Shape, physical
 from skyrelay.core.errors import UsageError
-from skyrelay.policy import observation as flying
 
-observe = jax.jit(observation.observe, static_argnames=("n", "zoom"))
+
+@partial(jax.jit, static_argnames=("n", "zoom"))
+def observe(uavs, active, vehicles, owner, reach, n, zoom):
+    return observation.six_maps(Scene(uavs, vehicles, owner, reach), active, n, zoom)
+
+
+COVER_SCALE = MAPS["cover_nearby"].scale
 
 CASES = [
     (seed, n, zoom, uavs, vehicles)
@@ -192,7 +209,7 @@ def test_absent_and_outlying_vehicles():
         uavs, np.array([[10.0, 10.0], [100.0, 0.0]]), np.array([0, 0]), (0.0, 0.0), 100.0, 50.0, n=11, zoom=2
     )
     np.testing.assert_array_equal(maps, at_border)
-    assert maps[0, flying.GLOBAL_VEHICLES].sum() == pytest.approx(VEHICLE_SCALE)
+    assert maps[0, GLOBAL_VEHICLES].sum() == pytest.approx(VEHICLE_SCALE)
     assert maps[0, LOCAL_VEHICLES].sum() == 0
 
 

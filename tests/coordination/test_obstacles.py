@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from in_flight import observe_team
 
 from skyrelay.airspace import flight
-from skyrelay.airspace.maps import OBSTACLE_MAPS, PAPER_MAPS, SIGHT_SCALE, footprint, map_names, normalise
+from skyrelay.airspace.maps import MAPS, OBSTACLE_MAPS, PAPER_MAPS, footprint, map_names, normalise
 from skyrelay.coordination import game
 from skyrelay.coordination.obstacles import Cities
 from skyrelay.coordination.settings import Shape, physical
 from skyrelay.core.errors import UsageError
-from skyrelay.policy import observe_team
 
 # Small whole numbers: products are exact, so that no rounding decides what is in sight.
 place = st.tuples(st.integers(-6, 6), st.integers(-6, 6))
@@ -152,7 +152,7 @@ def test_maps_equal_the_plain_loops_in_the_game_and_in_flight(seed):
     for i in np.flatnonzero(active):
         vehicles_of = max(int((owner == i).sum()), 1)
         for y, x in np.ndindex(5, 5):
-            assert flown[i, 8, y, x] == pytest.approx(SIGHT_SCALE * maps[i, 8, y, x] / vehicles_of)
+            assert flown[i, 8, y, x] == pytest.approx(MAPS["local_sight"].scale * maps[i, 8, y, x] / vehicles_of)
             assert flown[i, 6, y, x] == 0.5 * maps[i, 6, y, x]
             assert flown[i, 7, y, x] == 0.5 * maps[i, 7, y, x] / 4
     blind = observe_team(uavs, vehicles, owner, (0.0, 0.0), 1.0, 0.5, n=5, zoom=2, names=names)

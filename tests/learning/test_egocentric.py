@@ -11,13 +11,14 @@ from skyrelay.airspace.maps import (
     GLOBAL_TEAM,
     GLOBAL_VEHICLES,
     LOCAL_LOCATION,
-    LOCATION_SCALE,
+    MAPS,
     PAPER_MAPS,
     map_names,
     normalise,
     range_map,
 )
-from skyrelay.coordination.observation import observe
+from skyrelay.airspace.observation import Scene
+from skyrelay.coordination.observation import six_maps
 from skyrelay.learning import egocentric
 
 N = 5
@@ -28,7 +29,7 @@ def slow(maps, names):
     """The same, cell by cell."""
     if "own_range" in names:
         return slow_in_ranges(maps, names)
-    location = maps[GLOBAL_LOCATION] / LOCATION_SCALE
+    location = maps[GLOBAL_LOCATION] / MAPS["local_location"].scale
     column, row = location.sum(0), location.sum(1)
     parts = [egocentric.PLACE_SCALE * column, egocentric.PLACE_SCALE * row]
     for number, name in enumerate(names):
@@ -41,7 +42,7 @@ def slow(maps, names):
 
 def slow_near(maps, names):
     """The options' local maps, moved by the own place in the window."""
-    location = maps[LOCAL_LOCATION] / LOCATION_SCALE
+    location = maps[LOCAL_LOCATION] / MAPS["local_location"].scale
     column, row = location.sum(0), location.sum(1)
     local = ("local_buildings", "local_sight", "local_charger")
     return [moved_by(column, row, maps[k]).ravel() for k, name in enumerate(names) if name in local]
@@ -73,7 +74,7 @@ def moved_by(column, row, content):
 def slow_in_ranges(maps, names):
     """Likewise: each cell's content goes to the marks about where it is, as seen from where the own place balances."""
     marks = [-mark for mark in egocentric.MARKS[:0:-1]] + list(egocentric.MARKS)
-    location = maps[GLOBAL_LOCATION] / LOCATION_SCALE
+    location = maps[GLOBAL_LOCATION] / MAPS["local_location"].scale
     column, row = location.sum(0), location.sum(1)
     reach = maps[names.index("own_range"), 0, 0]
     own_x, own_y = (sum(k * share for k, share in enumerate(own)) for own in (column, row))
@@ -115,9 +116,8 @@ def test_equals_the_plain_loops(obstacles, energy, tells_range, outlook):
 
 def view(uav, other, vehicle, number):
     """[2 n - 1, 2 n - 1] of one map, of the first of two UAVs."""
-    levels = observe(
-        jnp.array([uav, other]), jnp.array([True, True]), jnp.array([vehicle]), jnp.array([0]), jnp.float32(0.4), N, 2
-    )
+    scene = Scene(jnp.array([uav, other]), jnp.array([vehicle]), jnp.array([0]), jnp.float32(0.4))
+    levels = six_maps(scene, jnp.array([True, True]), N, 2)
     seen = egocentric.egocentric(normalise(levels, 2), PAPER_MAPS)[0]
     first = 2 * N + egocentric.moved(PAPER_MAPS).index(number) * SIDE**2
     return np.asarray(seen[first : first + SIDE**2]).reshape(SIDE, SIDE)
@@ -148,9 +148,8 @@ def test_in_ranges_the_same_at_every_scale(number):
     seen = []
     for scale in (1.0, 0.5):
         uavs, vehicle = scale * np.array([[0.5, 0.5], [0.7, 0.9]]), scale * np.array([[0.9, 0.3]])
-        levels = observe(
-            jnp.array(uavs), jnp.array([True, True]), jnp.array(vehicle), jnp.array([0]), jnp.float32(scale / 2), n, 3
-        )
+        scene = Scene(jnp.array(uavs), jnp.array(vehicle), jnp.array([0]), jnp.float32(scale / 2))
+        levels = six_maps(scene, jnp.array([True, True]), n, 3)
         told = jnp.concatenate([levels, range_map(jnp.float32(scale / 2), 2, n).astype(levels.dtype)[:, None]], 1)
         view = egocentric.egocentric(normalise(told, 3, names), names)[0]
         side = egocentric.side(n, names)

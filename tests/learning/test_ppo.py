@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -13,12 +14,16 @@ import pytest
 
 from skyrelay.airspace.flight import unit_moves
 from skyrelay.airspace.maps import normalise, outlook_maps
-from skyrelay.coordination.observation import observe
+from skyrelay.airspace.observation import Scene
+from skyrelay.coordination.observation import six_maps
 from skyrelay.coordination.settings import physical
 from skyrelay.learning import networks, ppo
 from skyrelay.learning.networks import Architecture
 
-look = jax.jit(observe, static_argnums=(5, 6))
+
+@partial(jax.jit, static_argnums=(5, 6))
+def look(uavs, active, vehicles, owner, reach, n, zoom):
+    return six_maps(Scene(uavs, vehicles, owner, reach), active, n, zoom)
 
 
 @pytest.fixture(scope="module")

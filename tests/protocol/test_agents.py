@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from skyrelay.airspace.maps import map_names
+from skyrelay.airspace.observation import Observer, Scene
 from skyrelay.chain.abi import ContractError, Event
 from skyrelay.chain.client import ProposalStatus
 from skyrelay.core.errors import ProtocolError
-from skyrelay.policy import observe
 from skyrelay.protocol.authority import ReputationAuthority
 from skyrelay.protocol.messages import (
     Beacon,
@@ -118,21 +119,14 @@ def test_an_old_beacon_narrows_what_is_safe_and_a_very_old_one_does_not_count(to
 
 
 def test_a_margin_leaves_fewer_safe_moves():
+    names = map_names(obstacles=False, energy=False, outlook=True)
+
     def safe(margin):
-        maps = observe(
-            np.array([500.0, 500.0]),
-            np.array([[1200.0, 500.0]]),
-            np.array([[500.0, 500.0]]),
-            (0.0, 0.0),
-            2000.0,
-            900.0,
-            n=11,
-            zoom=3,
-            names=("local_location", "safe_moves", "cover_nearby"),
-            step=60.0,
-            margins=np.array([margin]),
-        )
-        return int(maps[1].sum())
+        held = np.full((2, 2), 900.0 - margin)
+        uavs, vehicle = np.array([[500.0, 500.0], [1200.0, 500.0]]), np.array([[500.0, 500.0]])
+        scene = Scene.in_metres(uavs, vehicle, np.array([0]), (0.0, 0.0), 2000.0, 900.0, step=60.0, held=held)
+        maps = Observer(names, 11, 3).look(scene, seers=1)[0]
+        return int(maps[names.index("safe_moves")].sum())
 
     fresh, old, older = safe(0.0), safe(100.0), safe(200.0)
     assert fresh == 9

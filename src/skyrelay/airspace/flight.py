@@ -63,8 +63,7 @@ def coverage(uavs: Any, vehicles: Any, owner: Any, reach: Any, walls: Any = None
 def served(uavs: Any, vehicles: Any, owner: Any, reach: Any, walls: Any = None, flying: Any = None) -> Any:
     """[..., V]: whether each vehicle is inside its own UAV's range, and in its sight (arguments as `coverage`)."""
     xp = uavs.__array_namespace__()
-    apart = uavs[..., :, None, :] - vehicles[..., None, :, :]
-    near = xp.sum(apart * apart, axis=-1) <= (xp.asarray(reach) ** 2)[..., None, None]
+    near = in_range(uavs[..., :, None, :], vehicles[..., None, :, :], xp.asarray(reach)[..., None, None])
     own = owner[..., None, :] == xp.arange(uavs.shape[-2])[:, None]
     if flying is not None:
         own = own & flying[..., None]
@@ -72,6 +71,13 @@ def served(uavs: Any, vehicles: Any, owner: Any, reach: Any, walls: Any = None, 
     if walls is not None:
         covered = covered & in_sight(vehicles, of_owner(uavs, owner), walls[..., None, :, :])
     return covered
+
+
+def in_range(one: Any, other: Any, reach: Any) -> Any:
+    """[...] whether two points [..., 2] are at most ``reach`` apart: the disc of the paper."""
+    xp = one.__array_namespace__()
+    apart = one - other
+    return xp.sum(apart * apart, axis=-1) <= reach**2
 
 
 def of_owner(uavs: Any, owner: Any) -> Any:
@@ -133,8 +139,7 @@ def links(uavs: Any, reach: Any, active: Any) -> Any:
         active: [..., N], false for a row that holds no UAV.
     """
     xp = uavs.__array_namespace__()
-    apart = uavs[..., :, None, :] - uavs[..., None, :, :]
-    near = xp.sum(apart * apart, axis=-1) <= (xp.asarray(reach) ** 2)[..., None, None]
+    near = in_range(uavs[..., :, None, :], uavs[..., None, :, :], xp.asarray(reach)[..., None, None])
     return (near & active[..., :, None] & active[..., None, :]) | xp.eye(uavs.shape[-2], dtype=xp.bool)
 
 

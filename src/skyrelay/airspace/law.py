@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skyrelay.airspace.charge import Cost
 from skyrelay.core.entities import FloatArray
 from skyrelay.core.resolved import ResolvedScenario
 from skyrelay.core.scenario import Energy
@@ -58,6 +59,12 @@ class Law:
     def stride(self) -> float:
         """Length of a move [m]."""
         return self.speed * self.seconds
+
+    @property
+    def cost(self) -> Cost:
+        """Of a step [% of the battery]."""
+        per_minute = (self.energy.hover_per_minute, self.energy.move_per_minute, self.energy.charge_per_minute)
+        return Cost(*(rate * self.seconds / 60.0 for rate in per_minute))
 
     def flight(self, battery: float) -> float:
         """How far a battery [0-100] still carries a UAV [m]: at the reserve it has to leave."""

@@ -5,8 +5,10 @@ JAX and NumPy share all of it: functions are for any array library of the Python
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,43 +18,118 @@ from skyrelay.airspace.guard import safe_moves
 LOCAL_LOCATION, LOCAL_VEHICLES, GLOBAL_LOCATION, GLOBAL_TEAM, GLOBAL_COVERAGE, GLOBAL_VEHICLES = range(6)
 CHANNELS = 6
 
-PAPER_MAPS = (
-    "local_location",
-    "local_vehicles",
-    "global_location",
-    "global_team",
-    "global_coverage",
-    "global_vehicles",
-)
-"""The six that every policy sees, in the order of their numbers."""
-OBSTACLE_MAPS = ("local_buildings", "global_buildings", "local_sight")
-"""After the six where there are buildings: what is built, and from where how many own vehicles are covered."""
-ENERGY_MAPS = ("local_charger", "global_charger", "own_flight", "at_charger")
-"""After those where charge counts: the charging point, how far the UAV can still fly, whether hovering here charges."""
-RANGE_MAPS = ("own_range",)
-"""After those where games are of many scales: how far the links reach."""
-OUTLOOK_MAPS = ("safe_moves", "cover_nearby")
-"""Last, where a UAV looks ahead: which moves keep its links, and how many own vehicles it would cover from where."""
-EVERYWHERE = ("own_flight", "at_charger", "own_range")
-"""Maps that are one number, the same in every cell."""
-
-LOCATION_SCALE = 4.0
-TEAM_SCALE = 2.0
-COVERAGE_SCALE = 0.1
 VEHICLE_SCALE = 8.0
-BUILDING_SCALE = 0.5
-SIGHT_SCALE = 3.0
-FLIGHT_SCALE = 2.0
-CHARGER_SCALE = 1.0
-RANGE_SCALE = 1.0
-SAFE_SCALE = 1.0
-COVER_SCALE = 3.0
-"""What a UAV's own cell, a team mate, a UAV that covers a whole block, all own vehicles together, a built-up cell, all
-own vehicles in sight, a flight of `FAR` zone sides, being at the charging point, a range of one zone side, a move that
-keeps the links and all own vehicles covered come to.
+"""What all of a UAV's own vehicles together come to in one cell."""
 
-Maps of one cell and maps of many then weigh about the same, which is what a network learns fastest from.
-"""
+
+class Kind(Enum):
+    """Where the cells of a map lie."""
+
+    WINDOW = "a window of the full map about the UAV, shifted inward at the zone's border"
+    ZONE = "blocks over the whole zone"
+    EVERYWHERE = "one number, the same in every cell"
+    PLACES = "places about the UAV, wherever the border is"
+
+
+class Unit(Enum):
+    """What a level of 1 stands for; levels are whole numbers."""
+
+    PLACE = "1 / (2 zoom)^2 of what lies in a cell"
+    CELL = "a cell"
+    BLOCK = "a cell of a block of zoom x zoom"
+    NUMBER = "1 / 255 of the greatest number"
+    OWN_PLACE = "a place of an own vehicle, as a share of them all"
+    OWN = "an own vehicle, as a share of them all"
+    OWN_PART = "1 / 8 of an own vehicle, as a share of them all"
+
+
+@dataclass(frozen=True, slots=True)
+class Map:
+    """One map of the observation.
+
+    Attributes:
+        name: in a policy's card.
+        option: of the game or the run that has it; `paper` is always on.
+        kind: where its cells lie.
+        unit: what its levels count.
+        scale: what the input comes to where the map is full: by `meaning`, for one UAV. Maps of one cell and maps of
+            many then weigh about the same, which is what a network learns fastest from.
+        meaning: what is in a cell.
+        sums: the UAVs that add up in a cell: none but itself, its mates, or the whole team.
+    """
+
+    name: str
+    option: str
+    kind: Kind
+    unit: Unit
+    scale: float
+    meaning: str
+    sums: Literal["itself", "mates", "team"] = "itself"
+
+    def factor(self, zoom: int, share: Any) -> Any:
+        """From levels to input.
+
+        Args:
+            share: `VEHICLE_SCALE` over the places of all own vehicles.
+        """
+        whole = (2 * zoom) ** 2
+        match self.unit:
+            case Unit.PLACE:
+                return self.scale / whole
+            case Unit.CELL:
+                return self.scale
+            case Unit.BLOCK:
+                return self.scale / zoom**2
+            case Unit.NUMBER:
+                return self.scale / FAR_LEVEL
+            case Unit.OWN_PLACE:
+                return share * (self.scale / VEHICLE_SCALE)
+            case Unit.OWN:
+                return share * (self.scale * whole / VEHICLE_SCALE)
+            case Unit.OWN_PART:
+                return share * (self.scale * whole / (VEHICLE_SCALE * COVER_PARTS))
+
+    def greatest(self, uavs: int) -> float:
+        """The greatest input in a team of so many."""
+        return self.scale * {"itself": 1, "mates": max(uavs - 1, 1), "team": uavs}[self.sums]
+
+
+_TABLE = (
+    Map("local_location", "paper", Kind.WINDOW, Unit.PLACE, 4.0, "the UAV"),
+    Map("local_vehicles", "paper", Kind.WINDOW, Unit.OWN_PLACE, VEHICLE_SCALE, "its own vehicles"),
+    Map("global_location", "paper", Kind.ZONE, Unit.PLACE, 4.0, "the UAV"),
+    Map("global_team", "paper", Kind.ZONE, Unit.PLACE, 2.0, "its team mates", "mates"),
+    Map("global_coverage", "paper", Kind.ZONE, Unit.BLOCK, 0.1, "cells in range of a UAV, for each UAV", "team"),
+    Map("global_vehicles", "paper", Kind.ZONE, Unit.OWN_PLACE, VEHICLE_SCALE, "its own vehicles"),
+    Map("local_buildings", "obstacles", Kind.WINDOW, Unit.CELL, 0.5, "a building"),
+    Map("global_buildings", "obstacles", Kind.ZONE, Unit.BLOCK, 0.5, "built-up cells"),
+    Map("local_sight", "obstacles", Kind.WINDOW, Unit.OWN, 3.0, "own vehicles in range and in sight from here"),
+    Map("local_charger", "energy", Kind.WINDOW, Unit.PLACE, 4.0, "the charging point"),
+    Map("global_charger", "energy", Kind.ZONE, Unit.PLACE, 4.0, "the charging point"),
+    Map("own_flight", "energy", Kind.EVERYWHERE, Unit.NUMBER, 2.0, "how far the charge carries, of `FAR` zone sides"),
+    Map("at_charger", "energy", Kind.EVERYWHERE, Unit.CELL, 1.0, "whether hovering here charges"),
+    Map("own_range", "range", Kind.EVERYWHERE, Unit.NUMBER, 1.0, "how far the links reach, of a zone side"),
+    Map("safe_moves", "outlook", Kind.PLACES, Unit.CELL, 1.0, "whether the move that heads here keeps the links"),
+    Map("cover_nearby", "outlook", Kind.PLACES, Unit.OWN_PART, 3.0, "own vehicles in range from here"),
+)
+MAPS: Mapping[str, Map] = {entry.name: entry for entry in _TABLE}
+"""Every map that there is, in order: name, what it shows, how it becomes input."""
+
+
+def _of(option: str) -> tuple[str, ...]:
+    return tuple(entry.name for entry in _TABLE if entry.option == option)
+
+
+PAPER_MAPS = _of("paper")
+"""The six that every policy sees, in the order of their numbers."""
+OBSTACLE_MAPS = _of("obstacles")
+"""After the six where there are buildings."""
+ENERGY_MAPS = _of("energy")
+"""After those where charge counts."""
+RANGE_MAPS = _of("range")
+"""After those where games are of many scales."""
+OUTLOOK_MAPS = _of("outlook")
+"""Last, where a UAV looks ahead."""
 
 NEARBY = 1.25
 """The k-th ring of cells of `cover_nearby` are places k to this power steps of a UAV away; its first, the 8 moves'."""
@@ -89,27 +166,7 @@ def normalise(levels: Any, zoom: int, names: Sequence[str] = PAPER_MAPS) -> Any:
     own = xp.sum(maps[..., GLOBAL_VEHICLES, :, :], axis=(-2, -1))
     one = xp.ones_like(own)
     share = VEHICLE_SCALE / xp.maximum(own, one)
-    whole = (2 * zoom) ** 2
-    location, team, coverage = LOCATION_SCALE / whole, TEAM_SCALE / whole, COVERAGE_SCALE / zoom**2
-    scales = {
-        "local_location": location,
-        "local_vehicles": share,
-        "global_location": location,
-        "global_team": team,
-        "global_coverage": coverage,
-        "global_vehicles": share,
-        "local_buildings": BUILDING_SCALE,
-        "global_buildings": BUILDING_SCALE / zoom**2,
-        "local_sight": share * (SIGHT_SCALE * whole / VEHICLE_SCALE),
-        "local_charger": location,
-        "global_charger": location,
-        "own_flight": FLIGHT_SCALE / FAR_LEVEL,
-        "at_charger": CHARGER_SCALE,
-        "own_range": RANGE_SCALE / FAR_LEVEL,
-        "safe_moves": SAFE_SCALE,
-        "cover_nearby": share * (COVER_SCALE * whole / (VEHICLE_SCALE * COVER_PARTS)),
-    }
-    factors = xp.stack([scales[name] * one for name in names], axis=-1)
+    factors = xp.stack([MAPS[name].factor(zoom, share) * one for name in names], axis=-1)
     return maps * factors[..., None, None]
 
 
@@ -189,9 +246,12 @@ def energy_maps(
     cell = cell_of(charger, cells)
     columns, rows = (window[:, axis, None] + xp.arange(n) == cell[axis] for axis in (0, 1))
     local = whole * xp.astype(rows[:, :, None] & columns[:, None, :], xp.int32)
-    x, y = (_tent(cell[axis], n, zoom) for axis in (0, 1))
-    far = xp.round(xp.clip(flight / FAR, 0.0, 1.0) * FAR_LEVEL)
-    numbers = (far, xp.astype(at_charger, far.dtype))
+    near, far, near_share, far_share = tent(cell, n, zoom)
+    coarse = xp.arange(n)[:, None]
+    shares = near_share * (coarse == near) + far_share * (coarse == far)
+    x, y = shares[:, 0], shares[:, 1]
+    flight_level = xp.round(xp.clip(flight / FAR, 0.0, 1.0) * FAR_LEVEL)
+    numbers = (flight_level, xp.astype(at_charger, flight_level.dtype))
     everywhere = (xp.broadcast_to(number[:, None, None], local.shape) for number in numbers)
     return local, xp.broadcast_to(y[:, None] * x[None, :], local.shape), *everywhere
 
@@ -251,7 +311,7 @@ def outlook_maps(
 def safe_of(maps: Any, names: Sequence[str]) -> Any:
     """[..., 9]: 1 for each move that `safe_moves` of normalised maps [..., maps, n, n] allows, else 0."""
     row, column = np.divmod(cell_of_move(maps.shape[-1]), maps.shape[-1])
-    return maps[..., names.index(OUTLOOK_MAPS[0]), row, column] / SAFE_SCALE
+    return maps[..., names.index(OUTLOOK_MAPS[0]), row, column] / MAPS[OUTLOOK_MAPS[0]].scale
 
 
 def cell_of_move(n: int) -> Any:
@@ -275,11 +335,20 @@ def cell_of(position: Any, cells: int) -> Any:
     return xp.clip(xp.astype(xp.floor(position * cells), xp.int32), 0, cells - 1)
 
 
-def _tent(cell: Any, n: int, zoom: int) -> Any:
-    """[n] along one axis, a full map's cell shared between the two nearest coarse ones, in units of 1 / (2 zoom)."""
+def window_of(position: Any, n: int, zoom: int) -> Any:
+    """[..., 2] column and row of the full map where the window about each position [..., 2] begins."""
+    xp = position.__array_namespace__()
+    return xp.clip(cell_of(position, n * zoom) - n // 2, 0, n * zoom - n)
+
+
+def tent(cell: Any, n: int, zoom: int) -> tuple[Any, Any, Any, Any]:
+    """Along an axis, how a full map's cell is shared between the two nearest coarse ones.
+
+    Returns: like ``cell``: the coarse cell that it lies in, the next nearest (at the border the same one again), and
+        their shares in units of 1 / (2 zoom).
+    """
     xp = cell.__array_namespace__()
     near = cell // zoom
-    offset = 2 * (cell % zoom) + 1 - zoom
+    offset = 2 * (cell % zoom) + 1 - zoom  # of the cell's centre from the coarse one's, in units of 1 / (2 zoom)
     far, beside = xp.clip(near + xp.sign(offset), 0, n - 1), xp.abs(offset)
-    coarse = xp.arange(n)
-    return (2 * zoom - beside) * (coarse == near) + beside * (coarse == far)
+    return near, far, 2 * zoom - beside, beside

@@ -1,4 +1,4 @@
-"""Charge in games with energy: flying takes it, the charging point gives it back."""
+"""Games with energy: what their batteries and charging points are; the law is `skyrelay.airspace.charge`."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Float, PRNGKeyArray
 
+from skyrelay.airspace.charge import Charger, Cost
 from skyrelay.core.errors import UsageError
 
 Interval = tuple[float, float]
@@ -31,6 +32,16 @@ class Charging(NamedTuple):
     point: Float[Array, " 2"]
     radius: Float[Array, ""]
     least: Float[Array, ""]
+
+    @property
+    def charger(self) -> Charger:
+        """The charging point."""
+        return Charger(self.point, self.radius)
+
+    @property
+    def cost(self) -> Cost:
+        """Of a step."""
+        return Cost(self.hover, self.move, self.gain)
 
 
 @dataclass(frozen=True)
@@ -76,24 +87,3 @@ class Batteries:
             radius=between(self.radius, draws[5]),
             least=jnp.float32(self.least),
         )
-
-
-def at_charger(uavs: Float[Array, "uavs 2"], charging: Charging) -> Bool[Array, " uavs"]:
-    """Whether each UAV, at [zone sides], is within the charging point's radius."""
-    apart = uavs - charging.point
-    return jnp.sum(apart * apart, -1) <= charging.radius**2
-
-
-def spend(
-    charge: Float[Array, " uavs"], uavs: Float[Array, "uavs 2"], moved: Bool[Array, " uavs"], charging: Charging
-) -> Float[Array, " uavs"]:
-    """The charge after a step that ended at ``uavs``: hovering within the charging point's radius fills the battery.
-
-    Args:
-        moved: whether the UAV's action was a move.
-    """
-    charged = ~moved & at_charger(uavs, charging)
-    flown = jnp.where(moved, charging.move, charging.hover)
-    # Who is on the ground spends nothing.
-    change = jnp.where(charged, charging.gain, jnp.where(charge > 0.0, -flown, 0.0))
-    return jnp.clip(charge + change, 0.0, 1.0)

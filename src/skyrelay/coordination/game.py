@@ -17,13 +17,15 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt
 
-from skyrelay.airspace import maps
+from skyrelay.airspace.charge import at_charger, spend
 from skyrelay.airspace.flight import STAY, connectivity, links
-from skyrelay.coordination import dynamics, energy, reward
+from skyrelay.airspace.maps import footprint
+from skyrelay.airspace.observation import Observer, Scene
+from skyrelay.coordination import dynamics, reward
 from skyrelay.coordination.dynamics import Traffic
-from skyrelay.coordination.observation import observe as observe_maps
+from skyrelay.coordination.observation import six_maps
 from skyrelay.coordination.reward import Score, score
 from skyrelay.coordination.settings import Parameters, Shape
 from skyrelay.core.errors import UsageError
@@ -99,7 +101,7 @@ class Transition(NamedTuple):
         truncated: the time limit is reached. The game never ends otherwise: bootstrap through it.
     """
 
-    observation: UInt8[Array, "uavs maps n n"]
+    observation: UInt[Array, "uavs maps n n"]
     score: Score
     truncated: Bool[Array, ""]
 
@@ -126,7 +128,7 @@ def reset(key: PRNGKeyArray, shape: Shape, parameters: Parameters, trace: Trace 
         owner = _owners(draws, uavs, active, _first_positions(trace), parameters.reach)
     built = charge = None
     if parameters.walls is not None:
-        built = maps.footprint(parameters.walls, shape.n * shape.zoom)
+        built = footprint(parameters.walls, shape.n * shape.zoom)
     if parameters.charging is not None:
         least = parameters.charging.least
         charge = least + (1.0 - least) * jax.random.uniform(jax.random.fold_in(k_uavs, 1), (shape.uavs,))
@@ -153,36 +155,37 @@ def step(state: State, actions: Int[Array, " uavs"], trace: Trace | None = None)
         present = state.present
     charging = state.parameters.charging
     if state.charge is not None and charging is not None:
-        state = replace(state, charge=energy.spend(state.charge, uavs, actions != STAY, charging))
+        at_point = at_charger(uavs, charging.charger)
+        charge = spend(state.charge, actions != STAY, state.charge > 0.0, at_point, charging.cost, full=1.0)
+        state = replace(state, charge=charge)
     state = replace(state, uavs=uavs, traffic=traffic, owner=owner, present=present, time=time)
     if state.shape.drop_outs:
         state = _drop_out(state)
     return state, Transition(observe(state), measure(state), time >= state.shape.steps)
 
 
-def observe(state: State) -> UInt8[Array, "uavs maps n n"]:
-    """The maps of every UAV, as levels: the six of `skyrelay.coordination.observation`, then those of the options."""
-    shape, parameters = state.shape, state.parameters
-    n, zoom, position, served_by = shape.n, shape.zoom, state.traffic.position, state.served_by
-    six = observe_maps(state.uavs, state.active, position, served_by, parameters.reach, n, zoom)
-    window = jnp.clip(maps.cell_of(state.uavs, n * zoom) - n // 2, 0, n * zoom - n)
-    own = served_by == jnp.arange(shape.uavs)[:, None]
-    more: tuple[Array, ...] = ()
-    if state.built is not None:
-        more += maps.obstacle_maps(window, own, position, parameters.reach, parameters.walls, state.built, n, zoom)
-    charging = parameters.charging
+def observe(state: State) -> UInt[Array, "uavs maps n n"]:
+    """The maps of every UAV, as levels: the six, then those of the options."""
+    shape, parameters, charging = state.shape, state.parameters, state.parameters.charging
+    scene = Scene(
+        uavs=state.uavs,
+        vehicles=state.traffic.position,
+        owner=state.served_by,
+        reach=parameters.reach,
+        step=parameters.uav_step,
+        airborne=state.flying,
+        walls=parameters.walls,
+        built=state.built,
+    )
     if state.charge is not None and charging is not None:
         flight = state.charge / jnp.maximum(charging.move, 1e-6) * parameters.uav_step
-        more += maps.energy_maps(window, charging.point, flight, energy.at_charger(state.uavs, charging), n, zoom)
-    if shape.tells_range:
-        more += (maps.range_map(parameters.reach, shape.uavs, n),)
-    if shape.outlook:
-        reach, step, walls = parameters.reach, parameters.uav_step, parameters.walls
-        more += maps.outlook_maps(state.uavs, state.flying, own, position, reach, step, n, walls)
-    if not more:
+        scene = replace(scene, charger=charging.charger, flight=flight)
+    six = six_maps(scene, state.active, shape.n, shape.zoom)
+    further = Observer(shape.maps, shape.n, shape.zoom).further(scene)
+    if not further:
         return six
-    further = jnp.where(state.active[:, None, None, None], jnp.stack(more, axis=1), 0)
-    return jnp.concatenate([six, further.astype(six.dtype)], axis=1)
+    shown = jnp.where(state.active[:, None, None, None], jnp.stack(further, axis=1), 0)
+    return jnp.concatenate([six, shown.astype(six.dtype)], axis=1)
 
 
 def measure(state: State) -> Score:

@@ -1,27 +1,10 @@
-"""What a UAV sees: four h x w maps, reduced to six n x n maps (Section "MDRL Formulation", Fig. "Observations").
-
-The four maps lie over the zone as a grid of h x h cells, h = zoom x n:
-- location: 1 in the UAV's own cell;
-- team: in each cell, how many of the *other* UAVs are there;
-- coverage: in each cell, how many UAVs of the whole team have its centre in range;
-- vehicles: in each cell, how many of the UAV's *own* vehicles are there.
-
-The six maps that the policy gets, each [n, n], row = y from south, column = x from west:
-- LOCAL_LOCATION, LOCAL_VEHICLES: a window of n x n cells of the full map centred on the UAV, shifted inward at borders;
-- GLOBAL_LOCATION, GLOBAL_TEAM, GLOBAL_VEHICLES: the full map downsampled bilinearly: what is in a cell is shared among
-  the four coarse cells whose centres surround it, so that where it lay between them is not lost;
-- GLOBAL_COVERAGE: each block of zoom x zoom cells, summed.
-
-In units of 1 / (2 zoom)^2 all this is whole numbers ("levels"): rollouts keep them so, a byte each.
-`skyrelay.airspace.maps.normalise` makes them the network's input. `skyrelay.policy.observation` computes the same
-in NumPy for a UAV in flight; the tests hold both against a plain-loop reference that does materialise the four maps.
-"""
+"""The paper's six maps inside the compiled game: one scatter for all of them (`skyrelay.airspace.observation`)."""
 
 from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, UInt8
+from jaxtyping import Array, Bool, Float, UInt
 
 from skyrelay.airspace.maps import (
     CHANNELS,
@@ -32,18 +15,13 @@ from skyrelay.airspace.maps import (
     LOCAL_LOCATION,
     LOCAL_VEHICLES,
     cell_of,
+    tent,
+    window_of,
 )
+from skyrelay.airspace.observation import Scene
 
 
-def observe(
-    uavs: Float[Array, "uavs 2"],
-    active: Bool[Array, " uavs"],
-    vehicles: Float[Array, "vehicles 2"],
-    owner: Int[Array, " vehicles"],
-    reach: Float[Array, ""],
-    n: int,
-    zoom: int,
-) -> UInt8[Array, "uavs 6 n n"]:
+def six_maps(scene: Scene, active: Bool[Array, " uavs"], n: int, zoom: int) -> UInt[Array, "uavs 6 n n"]:
     """The six maps of every UAV, as levels, without any h x h map of a UAV.
 
     Everything but coverage is points: one scatter-add writes a UAV's own place and its vehicles. The team map is the
@@ -51,15 +29,13 @@ def observe(
     block. Bytes hold the levels of up to 28 vehicles at zoom 2; beyond, and at zoom 3, there are two bytes each.
 
     Args:
-        uavs, vehicles: positions [zone sides], in [0, 1].
         active: false for a row that holds no UAV; its maps are all 0.
-        owner: row of each vehicle's UAV, negative where there is no vehicle.
-        reach: range [zone sides].
     """
+    uavs, vehicles, owner, reach = scene.uavs, scene.vehicles, scene.owner, scene.reach
     count, cells, size = uavs.shape[0], n * zoom, CHANNELS * n * n
     uav_cell = cell_of(uavs, cells)
     vehicle_cell = cell_of(vehicles, cells)
-    window = jnp.clip(uav_cell - n // 2, 0, cells - n)
+    window = window_of(uavs, n, zoom)
 
     nowhere = count * size  # an index past the end, which the scatter drops
     first = jnp.where(active, jnp.arange(count) * size, nowhere)  # where each UAV's maps begin
@@ -78,7 +54,7 @@ def observe(
     ]
     weights = [jnp.full(count, whole), jnp.full(len(vehicles), whole)]
     for base, channel, cell in ((first, GLOBAL_LOCATION, uav_cell), (owner_first, GLOBAL_VEHICLES, vehicle_cell)):
-        near, far, near_weight, far_weight = _shares(cell, n, zoom)
+        near, far, near_weight, far_weight = tent(cell, n, zoom)
         for column, column_weight in ((near[:, 0], near_weight[:, 0]), (far[:, 0], far_weight[:, 0])):
             for row, row_weight in ((near[:, 1], near_weight[:, 1]), (far[:, 1], far_weight[:, 1])):
                 indices.append(at(base, channel, column, row))
@@ -95,18 +71,9 @@ def observe(
     return levels.at[:, GLOBAL_TEAM : GLOBAL_COVERAGE + 1].set(shared)
 
 
-def _shares(cell: Int[Array, "points 2"], n: int, zoom: int) -> tuple[Array, Array, Array, Array]:
-    """Along each axis the coarse cell that a cell lies in, the next nearest, and their shares in units of 1/(2 zoom).
-
-    At the border the next nearest is the same one again.
-    """
-    near = cell // zoom
-    offset = 2 * (cell % zoom) + 1 - zoom  # of the cell's centre from the coarse one's, in units of 1/(2 zoom)
-    far = jnp.clip(near + jnp.sign(offset), 0, n - 1)
-    return near, far, 2 * zoom - jnp.abs(offset), jnp.abs(offset)
-
-
-def _coverage(uavs: Array, active: Array, reach: Array, n: int, zoom: int) -> Array:
+def _coverage(
+    uavs: Float[Array, "uavs 2"], active: Bool[Array, " uavs"], reach: Float[Array, ""], n: int, zoom: int
+) -> Float[Array, "n n"]:
     """[n, n]: over each block's zoom x zoom cells, the number of UAVs with the cell's centre in range, summed.
 
     One pass over [n, n] for each place in a block, fused; the UAVs are a loop of the program, because the sum would

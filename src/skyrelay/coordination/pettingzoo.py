@@ -13,21 +13,8 @@ import numpy.typing as npt
 import pettingzoo
 
 from skyrelay.airspace.flight import ACTIONS, STAY
-from skyrelay.airspace.maps import (
-    BUILDING_SCALE,
-    CHARGER_SCALE,
-    COVER_SCALE,
-    COVERAGE_SCALE,
-    FLIGHT_SCALE,
-    LOCATION_SCALE,
-    RANGE_SCALE,
-    SAFE_SCALE,
-    SIGHT_SCALE,
-    TEAM_SCALE,
-    VEHICLE_SCALE,
-    normalise,
-    safe_of,
-)
+from skyrelay.airspace.maps import normalise, safe_of
+from skyrelay.airspace.observation import Observer
 from skyrelay.coordination import game
 from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape, physical
@@ -65,29 +52,8 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
         self.render_mode = None
         self.possible_agents = [f"uav_{number}" for number in range(shape.uavs)]
         self.agents: list[str] = []
-        # Largest levels: a UAV's own cell, all its vehicles in one cell, every mate in one cell, a block in all ranges.
-        mates, covers = TEAM_SCALE * max(shape.uavs - 1, 1), COVERAGE_SCALE * shape.uavs
-        tops = {
-            "local_location": LOCATION_SCALE,
-            "local_vehicles": VEHICLE_SCALE,
-            "global_location": LOCATION_SCALE,
-            "global_team": mates,
-            "global_coverage": covers,
-            "global_vehicles": VEHICLE_SCALE,
-            "local_buildings": BUILDING_SCALE,
-            "global_buildings": BUILDING_SCALE,
-            "local_sight": SIGHT_SCALE,
-            "local_charger": LOCATION_SCALE,
-            "global_charger": LOCATION_SCALE,
-            "own_flight": FLIGHT_SCALE,
-            "at_charger": CHARGER_SCALE,
-            "own_range": RANGE_SCALE,
-            "safe_moves": SAFE_SCALE,
-            "cover_nearby": COVER_SCALE,
-        }
-        top = np.array([tops[name] for name in shape.maps], np.float32)
-        high = np.broadcast_to(top[:, None, None], (len(top), shape.n, shape.n))
-        self._observation_space = gymnasium.spaces.Box(np.zeros_like(high), high.copy(), dtype=np.float32)
+        high = Observer(shape.maps, shape.n, shape.zoom).greatest(shape.uavs)
+        self._observation_space = gymnasium.spaces.Box(np.zeros_like(high), high, dtype=np.float32)
         self.observation_spaces = {agent: self.observation_space(agent) for agent in self.possible_agents}
         self.action_spaces = {agent: self.action_space(agent) for agent in self.possible_agents}
         self._key: jax.Array | None = None

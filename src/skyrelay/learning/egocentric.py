@@ -21,15 +21,14 @@ import numpy.typing as npt
 from jaxtyping import Array, Float
 
 from skyrelay.airspace.maps import (
-    EVERYWHERE,
     GLOBAL_COVERAGE,
     GLOBAL_LOCATION,
     LOCAL_LOCATION,
-    LOCATION_SCALE,
+    MAPS,
     OUTLOOK_MAPS,
     PAPER_MAPS,
     RANGE_MAPS,
-    RANGE_SCALE,
+    Kind,
 )
 
 PLACE_SCALE = 2.0
@@ -51,7 +50,7 @@ def moved(names: Sequence[str]) -> list[int]:
     Nor coverage where the range is told: it shows nothing that the range and the UAVs' places do not.
     """
     left = {GLOBAL_LOCATION, GLOBAL_COVERAGE} if tells_range(names) else {GLOBAL_LOCATION}
-    return [k for k, name in enumerate(names) if name.startswith("global_") and k not in left]
+    return [k for k, name in enumerate(names) if MAPS[name].kind is Kind.ZONE and k not in left]
 
 
 def near(names: Sequence[str]) -> list[int]:
@@ -60,12 +59,12 @@ def near(names: Sequence[str]) -> list[int]:
     Near the zone's border the window is shifted inward, so that the UAV is not in the middle of these either. The
     paper's two are left out: they show nothing that the maps over the zone do not.
     """
-    return [k for k, name in enumerate(names) if name.startswith("local_") and name not in PAPER_MAPS]
+    return [k for k, name in enumerate(names) if MAPS[name].kind is Kind.WINDOW and name not in PAPER_MAPS]
 
 
 def same_everywhere(names: Sequence[str]) -> list[int]:
     """Numbers of the maps that are the same in every cell."""
-    return [k for k, name in enumerate(names) if name in EVERYWHERE]
+    return [k for k, name in enumerate(names) if MAPS[name].kind is Kind.EVERYWHERE]
 
 
 def ahead(names: Sequence[str]) -> list[int]:
@@ -119,7 +118,7 @@ def egocentric(maps: Float[Array, "batch maps n n"], names: Sequence[str]) -> Fl
     n = maps.shape[-1]
     column, row = _place(maps, GLOBAL_LOCATION)
     if tells_range(names):
-        reach = maps[:, names.index(RANGE_MAPS[0]), 0, 0] / RANGE_SCALE
+        reach = maps[:, names.index(RANGE_MAPS[0]), 0, 0] / MAPS["own_range"].scale
         across, along = (_in_ranges(own, reach) for own in (column, row))
     else:
         across, along = (_in_cells(own) for own in (column, row))
@@ -136,7 +135,7 @@ def egocentric(maps: Float[Array, "batch maps n n"], names: Sequence[str]) -> Fl
 
 def _place(maps: Float[Array, "batch maps n n"], number: int) -> tuple[Array, Array]:
     """Of the own place on a map: shares of the columns and of the rows [batch, n each]."""
-    location = maps[:, number] / LOCATION_SCALE
+    location = maps[:, number] / MAPS["local_location"].scale
     return location.sum(1), location.sum(2)
 
 

@@ -13,11 +13,9 @@ from skyrelay.airspace.flight import ACTIONS
 from skyrelay.airspace.maps import (
     GLOBAL_LOCATION,
     LOCAL_LOCATION,
-    LOCATION_SCALE,
+    MAPS,
     OUTLOOK_MAPS,
     RANGE_MAPS,
-    RANGE_SCALE,
-    SAFE_SCALE,
     cell_of_move,
 )
 from skyrelay.learning.egocentric import (
@@ -108,8 +106,8 @@ def _egocentric(add: Callable[..., str], constant: Callable[..., str], architect
     def indices(name: str, numbers: Any) -> str:
         return constant(name, np.asarray(numbers), np.int64)
 
-    place_scale = constant("place_scale", np.array(PLACE_SCALE / LOCATION_SCALE))
-    location_scale = constant("location_scale", np.array(LOCATION_SCALE))
+    place_scale = constant("place_scale", np.array(PLACE_SCALE / MAPS["local_location"].scale))
+    location_scale = constant("location_scale", np.array(MAPS["local_location"].scale))
     columns, rows, one = indices("columns", [1]), indices("rows", [2]), indices("one", [1])
 
     def place(name: str, number: int) -> list[str]:
@@ -148,8 +146,8 @@ def _guarded(add: Callable[..., str], constant: Callable[..., str], architecture
     number = constant("safe_moves", np.array([architecture.maps.index(OUTLOOK_MAPS[0])]), np.int64)
     cells = add("Flatten", [add("Gather", ["maps", number], axis=1)], axis=1)
     safe = add("Gather", [cells, constant("cell_of_move", cell_of_move(architecture.n), np.int64)], axis=1)
-    unsafe = add("Sub", [constant("safe", np.array(SAFE_SCALE)), safe])
-    return add("Sub", [logits, add("Mul", [unsafe, constant("unsafe", np.array(UNSAFE / SAFE_SCALE))])])
+    unsafe = add("Sub", [constant("safe", np.array(MAPS["safe_moves"].scale)), safe])
+    return add("Sub", [logits, add("Mul", [unsafe, constant("unsafe", np.array(UNSAFE / MAPS["safe_moves"].scale))])])
 
 
 def _shift_in_cells(add: Callable[..., str], constant: Callable[..., str], n: int, name: str) -> Callable[[str], str]:
@@ -174,7 +172,7 @@ def _shift_in_ranges(
     ]
     reach = add("Slice", ["maps", *ends, constant("range_axes", np.array([1, 2, 3]), np.int64)])
     # [batch, 1]
-    reach = add("Flatten", [add("Div", [reach, constant("range_scale", np.array(RANGE_SCALE))])], axis=1)
+    reach = add("Flatten", [add("Div", [reach, constant("range_scale", np.array(MAPS["own_range"].scale))])], axis=1)
     reach = add("Max", [reach, constant("least_range", np.array(LEAST_RANGE))])
     unit = add("Mul", [reach, constant("cells_a_side", np.array(n))])
     cells = constant("cells", np.arange(n)[:, None])

@@ -11,6 +11,7 @@ import onnxruntime
 from pydantic import ValidationError
 
 from skyrelay.airspace.flight import ACTIONS
+from skyrelay.airspace.observation import Observer
 from skyrelay.core.errors import ModelError
 from skyrelay.policy.card import CARD_KEY, Card
 
@@ -86,6 +87,11 @@ class Policy:
         """Of the full maps over n."""
         return self.card.zoom
 
+    @property
+    def observer(self) -> Observer:
+        """Draws the maps that it looks at."""
+        return Observer(self.card.maps, self.card.n, self.card.zoom)
+
     def logits(self, maps: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         """[batch, 9] the network's outputs for maps [batch, maps, n, n]."""
         result: npt.NDArray[np.float32] = self._session.run(None, {self._session.get_inputs()[0].name: maps})[0]
@@ -95,7 +101,7 @@ class Policy:
         """The most valued action of each UAV.
 
         Args:
-            maps: [batch, maps, n, n] from `skyrelay.policy.observation`, those of its card.
+            maps: [batch, maps, n, n] from its `observer`.
         Returns: [batch] actions 0..8.
         """
         actions: npt.NDArray[np.int64] = self.logits(maps).argmax(axis=1)

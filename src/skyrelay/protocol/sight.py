@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from skyrelay.airspace.law import Law
-from skyrelay.policy import Policy, observe, observe_team
+from skyrelay.airspace.observation import Scene
+from skyrelay.policy import Policy
 
 Position = tuple[float, float]
 
@@ -42,7 +43,7 @@ def decide(policy: Policy, sights: Sequence[Sight]) -> list[int]:
     """The policy's action for each sight, from that sight alone.
 
     UAVs of one team whose news are all fresh look at one picture, each from its own place: their maps are drawn
-    together, and are what `observe` gives for each.
+    together, and are those that each would draw alone.
     """
     pictures: dict[object, list[int]] = {}
     for row, sight in enumerate(sights):
@@ -57,41 +58,29 @@ def decide(policy: Policy, sights: Sequence[Sight]) -> list[int]:
 
 def _look(policy: Policy, sights: Sequence[Sight]) -> npt.NDArray[np.float32]:
     """[sights, maps, n, n] of UAVs that look at one picture."""
-    first, card = sights[0], policy.card
+    first = sights[0]
     law, zone = first.law, first.zone
-    fixed = (law.grid.corner(zone), law.grid.side, law.reach)
-    flights = [law.flight(sight.battery) for sight in sights]
-    if len(sights) == 1:
-        maps = observe(
-            _points([first.own]),
-            _points(first.team),
-            _points(first.vehicles),
-            *fixed,
-            n=card.n,
-            zoom=card.zoom,
-            names=card.maps,
-            walls=law.walls_near(zone),
-            charger=law.charger(zone),
-            flight=flights[0],
-            step=law.stride,
-            margins=np.array(first.margins),
-        )
-        return maps[None]
-    others = Counter((first.own, *first.team)) - Counter(sight.own for sight in sights)
-    everyone = [*(sight.own for sight in sights), *others.elements()]
-    return observe_team(
-        _points(everyone),
+    seers = [sight.own for sight in sights]
+    others, held = first.team, None
+    if len(sights) > 1:
+        others = tuple((Counter((first.own, *first.team)) - Counter(seers)).elements())
+    elif any(first.margins):
+        held = np.full((1 + len(others), 1 + len(others)), law.reach)
+        held[0, 1:] = held[1:, 0] = np.maximum(law.reach - np.array(first.margins), 0.0)
+    scene = Scene.in_metres(
+        _points([*seers, *others]),
         _points([place for sight in sights for place in sight.vehicles]),
         np.repeat(np.arange(len(sights)), [len(sight.vehicles) for sight in sights]),
-        *fixed,
-        n=card.n,
-        zoom=card.zoom,
-        names=card.maps,
+        law.grid.corner(zone),
+        law.grid.side,
+        law.reach,
+        step=law.stride,
         walls=law.walls_near(zone),
         charger=law.charger(zone),
-        flight=np.array(flights + [0.0] * others.total()),
-        step=law.stride,
-    )[: len(sights)]
+        flight=np.array([law.flight(sight.battery) for sight in sights]),
+        held=held,
+    )
+    return policy.observer.look(scene, len(sights))
 
 
 def _points(places: Sequence[Position]) -> npt.NDArray[np.float64]:

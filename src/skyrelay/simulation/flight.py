@@ -92,13 +92,13 @@ class Flight:
 
     def covered(self, x: FloatArray, y: FloatArray) -> npt.NDArray[np.bool_]:
         """[V] whether each vehicle is inside its own UAV's range and in its sight; a landed UAV covers nobody."""
-        has_uav = self._served(x) & (self.fleet.zone[self.owner] > 0)
-        apart = np.hypot(x - self.fleet.x[self.owner], y - self.fleet.y[self.owner])
-        inside: npt.NDArray[np.bool_] = has_uav & (np.nan_to_num(apart, nan=np.inf) <= self._law.reach)
+        inside: npt.NDArray[np.bool_] = self._served(x) & (self.fleet.zone[self.owner] > 0)
+        rows = np.flatnonzero(inside)
+        ground, air = np.column_stack([x[rows], y[rows]]), self._positions(self.owner[rows])
+        near = rules.in_range(air, ground, self._law.reach)
         if self._law.walls is not None:
-            rows = np.flatnonzero(inside)
-            ground = np.column_stack([x[rows], y[rows]])
-            inside[rows] = rules.in_sight(ground, self._positions(self.owner[rows]), self._law.walls)
+            near &= rules.in_sight(ground, air, self._law.walls)
+        inside[rows] = near
         return inside
 
     def measure(self, x: FloatArray, y: FloatArray, zone_of_owner: IntArray) -> list[Measure]:

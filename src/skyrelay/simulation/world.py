@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.cluster.vq import kmeans2
 
+from skyrelay.airspace.charge import Charger, at_charger, spend
 from skyrelay.airspace.law import Law
 from skyrelay.core.entities import FloatArray, IntArray
 from skyrelay.core.resolved import ResolvedScenario, resolve
@@ -60,17 +61,13 @@ class Fleet:
 
     def drain(self, law: Law, moved: npt.NDArray[np.bool_]) -> None:
         """Take from every UAV in the air what a step cost it, or charge it; a UAV that has left has landed."""
-        config = law.energy
-        per_minute = np.where(moved, config.move_per_minute, config.hover_per_minute)
         at_point = np.zeros(len(self.ids), dtype=bool)
         for zone in np.unique(self.zone[self.zone > 0]).tolist():
             if (charger := law.charger(zone)) is not None:
-                x, y, radius = charger
-                near = np.hypot(self.x - x, self.y - y) <= radius
+                near = at_charger(np.column_stack([self.x, self.y]), Charger(np.array(charger[:2]), charger[2]))
                 at_point |= (self.zone == zone) & near
-        per_minute = np.where(at_point & ~moved, -config.charge_per_minute, per_minute)
-        spent = np.where(self.zone > 0, per_minute * law.seconds / 60.0, 0.0)
-        self.battery = (self.battery - spent).clip(0.0, 100.0)
+        airborne = self.zone > 0
+        self.battery = spend(self.battery, moved, airborne, at_point & airborne, law.cost, full=100.0)
 
 
 @dataclass(frozen=True)
