@@ -45,6 +45,14 @@ contracts/node_modules/.ready: contracts/package-lock.json
 	cd contracts && npm ci --no-audit --no-fund --loglevel=error
 	@touch $@
 
+web/node_modules/.ready: web/package-lock.json
+	@command -v npm >/dev/null || { echo "test-page needs Node 20 or later with npm" >&2; exit 1; }
+	cd web && npm ci --no-audit --no-fund --loglevel=error
+	@touch $@
+
+test-page: web/node_modules/.ready ## the page's script: a build from web/ gives the committed bytes
+	cd web && npm run --silent check
+
 # Slither pins other versions of the chain's libraries than we do, so it lives in an environment of its own.
 $(VENV)/slither/.ready: constraints-slither.txt
 	@$(PYTHON) -m venv $(VENV)/slither

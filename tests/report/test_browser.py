@@ -10,6 +10,7 @@ from types import ModuleType
 
 import pytest
 from selenium import webdriver
+from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select, WebDriverWait
@@ -36,7 +37,8 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chro
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
     for argument in (
-        "headless=new", "no-sandbox", "disable-gpu", "disable-dev-shm-usage", "disable-quic", "no-first-run",
+        "headless=new", "no-sandbox", "use-angle=swiftshader", "enable-unsafe-swiftshader", "disable-dev-shm-usage",
+        "disable-quic", "no-first-run",
         "disable-background-networking", "disable-component-update", "disable-sync", "window-size=1440,900",
         f"user-data-dir={tmp_path_factory.mktemp('profile')}",
     ):  # fmt: skip
@@ -63,7 +65,14 @@ def opened(browser: webdriver.Chrome, page: Path) -> Iterator[webdriver.Chrome]:
 
 
 def picture(browser: webdriver.Chrome) -> str:
-    return str(browser.execute_script("return document.getElementById('map').toDataURL()"))
+    """What the map shows once it has been drawn: deck.gl's canvas and the texts above it."""
+    script = (
+        "const done = arguments[0];"
+        "requestAnimationFrame(() => requestAnimationFrame(() => {"
+        "  done([...document.querySelectorAll('#stage-map canvas')].map((one) => one.toDataURL()).join());"
+        "}));"
+    )
+    return str(browser.execute_async_script(script))
 
 
 def at(browser: webdriver.Chrome) -> int:
@@ -91,10 +100,10 @@ def test_plays_and_pauses(opened: webdriver.Chrome) -> None:
     wait(opened, lambda d: at(d) >= 3)
     press(opened, " ")  # the button has the focus: the key must not count twice
     assert button.get_attribute("aria-label") == "Play"
+    still = picture(opened)
     paused = at(opened)
     assert paused >= 3
-    assert picture(opened) != before
-    still = picture(opened)
+    assert still != before
     opened.execute_async_script("setTimeout(arguments[0], 300)")
     assert (at(opened), picture(opened)) == (paused, still)
 
@@ -152,7 +161,10 @@ def test_status_agrees_with_the_recorded_metrics(opened: webdriver.Chrome, page:
 
 
 def test_a_uav_that_has_landed_is_gone_from_the_map(opened: webdriver.Chrome) -> None:
-    names = "return observe().uavs.filter(Boolean).map((uav) => run.uavs[uav.index])"
+    names = (
+        "const { run, observe } = skyrelay; const { state } = observe().uavs;"
+        "return run.uavs.filter((_, uav) => state[uav] & 1)"
+    )
     press(opened, *[Keys.ARROW_RIGHT] * 14)
     wait(opened, lambda d: at(d) == 14)
     assert "uav_00" in opened.execute_script(names)
@@ -192,19 +204,191 @@ def test_events_are_filtered_by_kind_and_member(opened: webdriver.Chrome) -> Non
     wait(opened, lambda d: shown_events(d) == 3)
 
 
-def test_a_member_is_followed_by_a_click(opened: webdriver.Chrome) -> None:
-    # Where a vehicle is on the canvas, by the page's own projection.
-    x, y = opened.execute_script(
-        "const v = observe().vehicles.find((v) => run.vehicles[v.index] === 'vehicle_006');"
-        "const b = map.canvas.getBoundingClientRect();"
-        "return [sx(v.x) - b.width / 2, sy(v.y) - b.height / 2];"
+def place_of(browser: webdriver.Chrome, vehicle: str) -> tuple[float, float]:
+    """Where a vehicle is on the map, from its middle [pixels], by the page's own projection."""
+    x, y = browser.execute_script(
+        "const { run, map, observe } = skyrelay; const scene = observe();"
+        "const row = scene.place[run.find('vehicle', arguments[0])];"
+        "const [x, y] = map.project(scene.vehicles.x[row], scene.vehicles.y[row]), [width, height] = map.size;"
+        "return [x - width / 2, y - height / 2];",
+        vehicle,
     )
-    canvas = opened.find_element(By.ID, "map")
-    webdriver.ActionChains(opened).move_to_element_with_offset(canvas, round(x), round(y)).click().perform()
-    wait(opened, lambda d: d.find_element(By.ID, "card").is_displayed())
-    name = opened.find_element(By.CSS_SELECTOR, "#card b").text
+    return x, y
+
+
+def move_to(browser: webdriver.Chrome, x: float, y: float) -> webdriver.ActionChains:
+    stage = browser.find_element(By.ID, "stage-map")
+    return webdriver.ActionChains(browser).move_to_element_with_offset(stage, round(x), round(y))
+
+
+def boxes_overlap(browser: webdriver.Chrome, selector: str, x: float, y: float) -> bool:
+    """Whether an element lies over a point of the map (from its middle)."""
+    return bool(
+        browser.execute_script(
+            "const stage = document.getElementById('stage-map').getBoundingClientRect();"
+            "const x = stage.left + stage.width / 2 + arguments[1], y = stage.top + stage.height / 2 + arguments[2];"
+            "const box = document.querySelector(arguments[0]).getBoundingClientRect();"
+            "return box.width > 0 && x >= box.left && x <= box.right && y >= box.top && y <= box.bottom;",
+            selector, x, y,
+        )
+    )  # fmt: skip
+
+
+def test_a_member_is_followed_by_a_click(opened: webdriver.Chrome) -> None:
+    x, y = place_of(opened, "vehicle_006")
+    move_to(opened, x, y).click().perform()
+    wait(opened, lambda d: d.find_element(By.ID, "member").is_displayed())
+    name = opened.find_element(By.ID, "member-name").text
     assert opened.find_element(By.ID, "event-member").get_property("value") == name
     assert shown_events(opened) >= 1
+    assert len(opened.find_elements(By.CSS_SELECTOR, "#member-history svg path")) == 2
+    assert opened.find_elements(By.CSS_SELECTOR, "#member-selections li")
+    assert not boxes_overlap(opened, "#member", x, y)
+    press(opened, Keys.ESCAPE)
+    wait(opened, lambda d: not d.find_element(By.ID, "member").is_displayed())
+
+
+def test_the_card_never_covers_what_it_is_about(opened: webdriver.Chrome) -> None:
+    names = opened.execute_script("return skyrelay.run.vehicles")
+    shown = 0
+    for name in names[:12]:
+        if not opened.execute_script(
+            "return skyrelay.observe().place[skyrelay.run.find('vehicle', arguments[0])] >= 0", name
+        ):
+            continue
+        x, y = place_of(opened, name)
+        move_to(opened, x, y).perform()
+        wait(opened, lambda d: d.find_element(By.ID, "card").is_displayed())
+        assert not boxes_overlap(opened, "#card", x, y)
+        shown += 1
+    assert shown > 5
+
+
+def test_zooms_to_the_pointer_and_pans(opened: webdriver.Chrome) -> None:
+    before = picture(opened)
+    x, y = place_of(opened, "vehicle_006")
+    scale = opened.execute_script("return skyrelay.map.scale")
+    stage = opened.find_element(By.ID, "stage-map")
+    origin = ScrollOrigin.from_element(stage, round(x), round(y))
+    webdriver.ActionChains(opened).scroll_from_origin(origin, 0, -300).perform()
+    wait(opened, lambda d: d.execute_script("return skyrelay.map.scale") > 1.2 * scale)
+    now_x, now_y = place_of(opened, "vehicle_006")
+    assert abs(now_x - x) < 4  # what was under the pointer stays there
+    assert abs(now_y - y) < 4
+    drag = move_to(opened, 0, 0).click_and_hold()
+    for _ in range(8):  # a drag is one from its second move on
+        drag.move_by_offset(10, 5)
+    drag.release().perform()
+    wait(opened, lambda d: 40 < place_of(d, "vehicle_006")[0] - now_x <= 81)
+    assert not opened.find_element(By.ID, "member").is_displayed()  # a pan is no click
+    assert picture(opened) != before
+    wait(opened, lambda d: "view=" in d.current_url)
+    opened.find_element(By.ID, "zoom-fit").click()
+    wait(opened, lambda d: d.execute_script("return skyrelay.map.scale") == pytest.approx(scale))
+
+
+def test_the_map_is_moved_and_members_are_reached_by_keys(opened: webdriver.Chrome) -> None:
+    press(opened, "n")
+    wait(opened, lambda d: d.find_element(By.ID, "member").is_displayed())
+    first = opened.find_element(By.ID, "member-name").text
+    press(opened, "n")
+    wait(opened, lambda d: d.find_element(By.ID, "member-name").text != first)
+    assert opened.find_element(By.ID, "say").get_attribute("textContent").endswith("picked")
+    press(opened, "N")
+    wait(opened, lambda d: d.find_element(By.ID, "member-name").text == first)
+    target, scale = opened.execute_script("return [skyrelay.map.view.target, skyrelay.map.scale]")
+    opened.execute_script("document.getElementById('stage-map').focus()")
+    press(opened, "+", Keys.ARROW_RIGHT)
+    moved, larger = opened.execute_script("return [skyrelay.map.view.target, skyrelay.map.scale]")
+    assert larger > scale
+    assert moved[0] > target[0]
+    assert at(opened) == 0  # on the map, arrows pan
+
+
+def test_every_control_is_reached_by_tab_and_has_a_name(opened: webdriver.Chrome) -> None:
+    reached = set()
+    for _ in range(40):
+        press(opened, Keys.TAB)
+        reached.add(opened.execute_script("return document.activeElement.id || document.activeElement.name"))
+    wanted = {"theme", "zone", "find", "stage-map", "zoom-in", "play", "scrub", "speed", "event-name", "event-member"}
+    assert wanted <= reached
+    nameless = opened.execute_script(
+        "return [...document.querySelectorAll('button, input, select')].filter((one) => one.checkVisibility() &&"
+        "  !one.getAttribute('aria-label') && !one.textContent.trim() && !one.closest('label')).length"
+    )
+    assert nameless == 0
+
+
+def test_a_member_is_found_by_its_name(opened: webdriver.Chrome) -> None:
+    opened.find_element(By.ID, "find").send_keys("uav_03", Keys.ENTER)
+    wait(opened, lambda d: d.find_element(By.ID, "member-name").text == "uav_03")
+    maps = opened.find_elements(By.CSS_SELECTOR, "#member-maps canvas")
+    assert len(maps) == 3
+    painted = "return arguments[0].getContext('2d').getImageData(0, 0, 88, 88).data.some((value) => value > 0)"
+    assert all(opened.execute_script(painted, one) for one in maps)
+
+
+def test_an_event_leads_to_its_step_and_member(opened: webdriver.Chrome) -> None:
+    press(opened, Keys.END)
+    wait(opened, lambda d: at(d) == 30)
+    kinds = Select(opened.find_element(By.ID, "event-name"))
+    kinds.select_by_value("UAVAllocated")
+    names = "return [...document.querySelectorAll('#events b')].every((one) => one.textContent === 'UAVAllocated')"
+    wait(opened, lambda d: d.execute_script(names))
+    row = opened.find_element(By.CSS_SELECTOR, "#events li:last-child button")
+    name = row.find_element(By.XPATH, ".//i[text()='uav ']/..").text.removeprefix("uav ")
+    opened.execute_script("arguments[0].click()", row)
+    wait(opened, lambda d: at(d) == 0)
+    assert opened.find_element(By.ID, "member-name").text == name
+
+
+def test_alerts_tell_what_happened_and_lead_there(opened: webdriver.Chrome) -> None:
+    assert opened.find_element(By.ID, "alert-count").text == "0"
+    press(opened, Keys.END)
+    wait(opened, lambda d: d.find_element(By.ID, "alert-count").text != "0")
+    row = opened.find_element(By.XPATH, "//*[@id='alerts']//button[contains(., 'uav_00 has landed')]")
+    row.click()
+    wait(opened, lambda d: at(d) == 15)
+    assert opened.find_element(By.ID, "member-name").text == "uav_00"
+
+
+def test_figures_are_in_a_readers_units(opened: webdriver.Chrome) -> None:
+    units = (
+        "return [['x', '32306'], ['battery', '2545'], ['demand', '2260'], ['qov', '53491864190053480'],"
+        " ['score', '112520982006525992'], ['zone', '3'], ['x', 'north']].map((pair) => skyrelay.inUnits(...pair))"
+    )
+    assert opened.execute_script(units) == ["3,230.6 m", "25.45 %", "2.26 Mbit/s", "53.5", "1.125", "3", "north"]
+
+
+@pytest.mark.parametrize(("width", "height"), [(1440, 900), (1024, 768), (390, 844)])
+def test_nothing_lies_on_anything_else(opened: webdriver.Chrome, width: int, height: int) -> None:
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+    opened.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    try:
+        wait(opened, lambda d: d.execute_script("return innerWidth") == width)
+        opened.execute_script("skyrelay.pick({ kind: 'uav', index: 3 })")
+        wait(opened, lambda d: d.find_element(By.ID, "member").is_displayed())
+        opened.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
+        # Titles, values and axes of the charts; panels; the controls above the map.
+        overlaps = opened.execute_script(
+            "const found = [];"
+            "const check = (elements) => {"
+            "  const boxes = elements.map((one) => [one, one.getBoundingClientRect()]).filter(([, box]) => box.width);"
+            "  boxes.forEach(([a, p], i) => boxes.slice(i + 1).forEach(([b, q]) => {"
+            "    if (a.contains(b) || b.contains(a)) return;"
+            "    if (p.left < q.right - 1 && q.left < p.right - 1 && p.top < q.bottom - 1 && q.top < p.bottom - 1)"
+            "      found.push([a.textContent.slice(0, 40), b.textContent.slice(0, 40)]);"
+            "  }));"
+            "};"
+            "check([...document.querySelectorAll('#charts h2, #charts .values, #charts text')]);"
+            "check([...document.querySelectorAll('header.top, .stage, .charts, .panel, footer')]);"
+            "check([...document.querySelectorAll('.stage > .bar > *, .map, .transport > *, .status, .legend')]);"
+            "return found;"
+        )
+        assert overlaps == []
+        assert opened.execute_script("return document.documentElement.scrollWidth <= innerWidth")
+    finally:
+        opened.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def test_an_id_with_markup_is_text(opened: webdriver.Chrome) -> None:
@@ -221,15 +405,33 @@ def test_a_link_opens_at_its_step_zone_and_mode(opened: webdriver.Chrome, page: 
     assert at(opened) == 8
     assert opened.find_element(By.ID, "zone").get_property("value") == "4"
     assert opened.find_element(By.CSS_SELECTOR, "input[value=static]").is_selected()
-    assert opened.find_element(By.CSS_SELECTOR, "#charts h2").text == "Coverage, zone 4"
+    assert opened.find_element(By.CSS_SELECTOR, "#charts h2").text == "In range, of all connected, zone 4"
     assert opened.execute_script("return document.documentElement.dataset.theme") == "dark"
+
+
+def test_the_address_keeps_what_was_chosen(opened: webdriver.Chrome, page: Path) -> None:
+    press(opened, *[Keys.ARROW_RIGHT] * 5, "m")
+    opened.execute_script("document.getElementById('show-labels').click()")
+    opened.find_element(By.ID, "find").send_keys("uav_03", Keys.ENTER)
+    Select(opened.find_element(By.ID, "event-name")).select_by_value("UAVAllocated")
+    for part in ("step=5", "mode=static", "layers=labels", "pick=uav%3Auav_03", "kind=UAVAllocated"):
+        wait(opened, lambda d, part=part: part in d.current_url)
+    link = opened.current_url
+    opened.get("about:blank")
+    opened.get(link)
+    wait(opened, lambda d: d.execute_script("return document.body.dataset.ready === 'true'"))
+    assert at(opened) == 5
+    assert opened.find_element(By.CSS_SELECTOR, "input[value=static]").is_selected()
+    assert opened.find_element(By.ID, "show-labels").is_selected()
+    assert opened.find_element(By.ID, "member-name").text == "uav_03"
+    assert opened.find_element(By.ID, "event-name").get_property("value") == "UAVAllocated"
 
 
 def test_narrow_screen_has_no_sideways_scroll(opened: webdriver.Chrome) -> None:
     size = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": False}
     opened.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     try:
-        wait(opened, lambda d: d.execute_script("return innerWidth === 390 && map.canvas.clientWidth < 390"))
+        wait(opened, lambda d: d.execute_script("return innerWidth === 390 && skyrelay.map.size[0] < 390"))
         assert opened.execute_script("return document.documentElement.scrollWidth <= innerWidth")
         press(opened, Keys.ARROW_RIGHT)
         wait(opened, lambda d: at(d) == 1)

@@ -11,7 +11,6 @@ from typer.exceptions import TyperException
 
 import skyrelay
 from skyrelay.cli import (
-    agent,
     audit,
     baseline,
     chain_devnet,
@@ -27,7 +26,6 @@ from skyrelay.cli import (
     scenario,
     select,
     train,
-    up,
 )
 from skyrelay.core.errors import SkyRelayError
 
@@ -41,8 +39,6 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.command("run")(run.command)
-app.command("up")(up.command)
-app.command("agent")(agent.command)
 app.command("scenario")(scenario.command)
 app.command("report")(report.command)
 app.command("audit")(audit.command)

@@ -1,4 +1,4 @@
-"""The replay page: one self-contained HTML file (docs/decisions/0002-report-page.md says why by hand)."""
+"""The replay page: one self-contained HTML file (docs/decisions/0060-one-page-two-sources.md)."""
 
 from __future__ import annotations
 
@@ -29,22 +29,38 @@ def write_report(run_dir: Path) -> Path:
 
 
 def render(run: Run) -> str:
-    """The page's text."""
+    """The page's text, with the run in it; it may load nothing."""
+    return _fill(
+        source="file",
+        connect="",
+        title=html.escape(f"SkyRelay · {run.summary.name} · seed {run.summary.seed}"),
+        name=html.escape(run.summary.name),
+        subtitle=f"seed {run.summary.seed}",
+        sentence=html.escape(sentence(run)),
+        tiles=_tiles(run.summary),
+        about=_about(run),
+        payload=encode(run),
+    )
+
+
+def render_live() -> str:
+    """The page's text without a run: it asks the server that it came from for the feed, and may load nothing else."""
+    return _fill(
+        source="live",
+        connect="; connect-src 'self'",
+        title="SkyRelay · live",
+        name="live",
+        subtitle="",
+        sentence="The fleet as it flies.",
+        tiles="",
+        about="",
+        payload="",
+    )
+
+
+def _fill(**values: str) -> str:
     script, style = _asset("page.js"), _asset("page.css")
-    values = {
-        "title": html.escape(f"SkyRelay · {run.summary.name} · seed {run.summary.seed}"),
-        "name": html.escape(run.summary.name),
-        "seed": str(run.summary.seed),
-        "sentence": html.escape(sentence(run)),
-        "tiles": _tiles(run.summary),
-        "about": _about(run),
-        "style": style,
-        "script": script,
-        "style_hash": _hash(style),
-        "script_hash": _hash(script),
-        "payload": encode(run),
-        "last": str(run.summary.steps),
-    }
+    values |= {"style": style, "script": script, "style_hash": _hash(style), "script_hash": _hash(script)}
     # One pass, so that nothing that a value contains is taken for a place to fill in.
     return re.sub(r"\{\{(\w+)\}\}", lambda match: values[match[1]], _asset("page.html"))
 

@@ -35,6 +35,8 @@ _METRICS = (
     "static_coverage",
     "static_connectivity",
     "static_served_mbps",
+    "in_range_share",
+    "static_in_range_share",
 )
 _TYPES = {"u1": "Uint8Array", "u2": "Uint16Array", "i4": "Int32Array", "f4": "Float32Array"}
 
@@ -97,7 +99,7 @@ def _contents(run: Run) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
     place = np.searchsorted(zones, run.metrics["zone"])
     for name in _METRICS:
         values = np.full((len(zones), summary.steps + 1), np.nan, np.float32)
-        values[place, run.metrics["step"]] = run.metrics[name]
+        values[place, run.metrics["step"]] = _in_range(run, name) if name.endswith("_share") else run.metrics[name]
         arrays[f"metric_{name}"] = values.ravel()
 
     proposals = run.proposals
@@ -117,6 +119,11 @@ def _contents(run: Run) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
     arrays["event_step"] = np.maximum.accumulate(events["step"][order].astype(np.int32))
     arrays["event_name"] = _codes(events["name"], names)[order]
 
+    # Streets: one line after the other, from the box's corner.
+    arrays["street_length"] = np.unique(run.streets["street"], return_counts=True)[1].astype(np.int32)
+    arrays["street_x"] = (run.streets["x"] - low_x).astype(np.float32)
+    arrays["street_y"] = (run.streets["y"] - low_y).astype(np.float32)
+
     header = {
         "steps": summary.steps,
         "stepSeconds": summary.step_seconds,
@@ -128,6 +135,7 @@ def _contents(run: Run) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
             for building in run.scenario.obstacles.buildings
         ],
         "charging": _charging(run),
+        "reserve": run.scenario.energy.reserve,
         "box": [low_x, low_y, high_x, high_y],
         "vehicles": vehicle_ids,
         "uavs": fleet,
@@ -142,6 +150,14 @@ def _contents(run: Run) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         "eventArgs": [_arguments(run, int(row), names_of) for row in order],
     }
     return header, arrays
+
+
+def _in_range(run: Run, name: str) -> npt.NDArray[np.float64]:
+    """Of all connected vehicles, the share that is in range of its UAV, by row of the metrics; NaN of none."""
+    covered = run.metrics["static_covered" if name.startswith("static") else "covered"]
+    shares: npt.NDArray[np.float64] = np.full(len(covered), np.nan)
+    np.divide(covered, run.metrics["connected"], out=shares, where=run.metrics["connected"] > 0)
+    return shares
 
 
 def _charging(run: Run) -> dict[str, Any] | None:

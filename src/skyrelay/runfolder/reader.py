@@ -22,7 +22,7 @@ from skyrelay.core.scenario import Scenario, load_scenario
 from skyrelay.core.untrusted import parse_json
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.runfolder.folder import SCENARIO, SUMMARY
-from skyrelay.runfolder.schema import POSITIONS, SCHEMAS, Summary
+from skyrelay.runfolder.schema import OPTIONAL, POSITIONS, SCHEMAS, Summary
 
 Table = Mapping[str, npt.NDArray[Any]]
 """Columns of equal length, by name; text columns hold ``str`` objects."""
@@ -43,10 +43,10 @@ class Run:
         path: of the folder.
         scenario: as resolved when the run was made.
         summary: of ``summary.json``.
-        vehicles, uavs, metrics, proposals, events, accounts: columns of the Parquet files of these names; positions in
-            m, battery and energy in %, QoU 0-100, step and period counted from 0; ``uav`` is "" for an unserved
-            vehicle; ``zone`` is 0 for a UAV that has landed and, in ``metrics``, for the whole area; ``static_*`` is
-            the comparator, the same fleet hovering; ``events.args`` is JSON, an object by event.
+        vehicles, uavs, metrics, proposals, events, accounts, streets: columns of the Parquet files of these names;
+            positions in m, battery and energy in %, QoU 0-100, step and period counted from 0; ``uav`` is "" for an
+            unserved vehicle; ``zone`` is 0 for a UAV that has landed and, in ``metrics``, for the whole area;
+            ``static_*`` is the comparator, the same fleet hovering; ``events.args`` is JSON, an object by event.
     """
 
     path: Path
@@ -58,6 +58,7 @@ class Run:
     proposals: Table
     events: Table
     accounts: Table
+    streets: Table
 
     @property
     def grid(self) -> ZoneGrid:
@@ -81,7 +82,7 @@ def read_run(path: Path) -> Run:
     require_folder(path)
     scenario = read_scenario(path)
     summary = read_summary(path)
-    names = ("vehicles", "uavs", "metrics", "proposals", "events", "accounts")
+    names = ("vehicles", "uavs", "metrics", "proposals", "events", "accounts", "streets")
     run = Run(path, scenario, summary, **{name: read_table(path, name) for name in names})
     _check(run)
     return run
@@ -141,12 +142,16 @@ def read_rows(folder: Path, name: str) -> list[dict[str, Any]]:
 def read_table(folder: Path, name: str) -> Table:
     """The columns of a table that `SCHEMAS` names; those of numbers with a fraction as 64-bit floats.
 
+    An optional table that is not there has no rows.
+
     Raises:
         RunFolderError: the file is missing, too large or no Parquet, or a column is missing or does not fit.
     """
     path = folder / f"{name}.parquet"
-    _bounded_size(path, MAX_TABLE_FILE)
     schema = SCHEMAS[name]
+    if name in OPTIONAL and not path.exists():
+        return {field.name: np.empty(0, field.type.to_pandas_dtype()) for field in schema}
+    _bounded_size(path, MAX_TABLE_FILE)
     texts = [field.name for field in schema if pa.types.is_string(field.type)]
     try:
         # Through an open file, so that the folder's own name is never taken for a partition of the data. Texts stay
@@ -267,6 +272,9 @@ def _check(run: Run) -> None:
             raise RunFolderError(
                 f"{run.path / table}.parquet: {name}[{row}]", int(column[row]), f"{meaning} ({low} to {high})"
             )
+    street = run.streets["street"]
+    if len(street) and (street[0] != 0 or not np.isin(np.diff(street), (0, 1)).all()):
+        raise RunFolderError(run.path / "streets.parquet", None, "streets numbered from 0, one after the other")
     fleet = set(run.uavs["uav"])
     if len(run.uavs["uav"]) != len(fleet) * (steps + 1):  # the page has a place for each
         rows = len(run.uavs["uav"])

@@ -110,15 +110,21 @@ SCHEMAS: dict[str, pa.Schema] = {
     ),
     # Whose account an address is; kind is vehicle, uav or party.
     "accounts": pa.schema({"name": _TEXT, "address": _TEXT, "kind": _TEXT}),
+    # The corners of each street in order, for the page; streets are numbered from 0. Not there where none were named.
+    "streets": pa.schema({"street": _I32, "x": _F64, "y": _F64}),
     # Every event of the contract; args is a JSON object.
     "events": pa.schema({"block": _I64, "tx": _I32, "log": _I32, "step": _I32, "name": _TEXT, "args": _TEXT}),
 }
+
+OPTIONAL = frozenset({"streets"})
+"""Tables that are written only where they have rows."""
 
 POSITIONS: dict[str, tuple[str, ...]] = {
     "vehicles": ("x", "y"),
     "uavs": ("x", "y", "static_x", "static_y"),
     "fleet": ("x", "y"),
     "members": ("x", "y"),
+    "streets": ("x", "y"),
 }
 """Columns that hold a place [m], a finite number."""
 

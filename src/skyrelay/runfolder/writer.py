@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 
 from skyrelay.core.files import atomic_path, write_text
 from skyrelay.runfolder.folder import SUMMARY
-from skyrelay.runfolder.schema import SCHEMAS, Summary
+from skyrelay.runfolder.schema import OPTIONAL, SCHEMAS, Summary
 
 
 class TableWriter:
@@ -53,8 +53,10 @@ class TableWriter:
         return {column: table[column].to_numpy() for column in table.column_names}
 
     def write(self, folder: Path) -> None:
-        """Write every table as ``<name>.parquet``."""
+        """Write every table as ``<name>.parquet``; an optional one where it has rows."""
         for name in SCHEMAS:
+            if name in OPTIONAL and not self._batches[name]:
+                continue
             with atomic_path(folder / f"{name}.parquet") as beside:
                 # The checksums let the audit tell a damaged page from a changed one.
                 pq.write_table(self.table(name), beside, compression="zstd", write_page_checksum=True)

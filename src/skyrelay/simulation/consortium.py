@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 
@@ -23,8 +22,6 @@ from skyrelay.store.cid import Cid
 from skyrelay.store.kubo import KuboStore
 from skyrelay.store.local import LocalStore
 from skyrelay.store.model_store import ModelStore
-
-PARTIES = ("administrator", "coordinator", "publisher", "reputation authority")
 
 
 class Hangar:
@@ -51,27 +48,29 @@ class Consortium:
     Args:
         scenario: resolved.
         folder: of the run.
-        elsewhere: addresses of the parties whose keys are not here, by name.
     """
 
-    def __init__(self, scenario: Scenario, folder: Path, elsewhere: Mapping[str, str] | None = None) -> None:
+    def __init__(self, scenario: Scenario, folder: Path) -> None:
         self._policies = _policies(scenario)
         url = scenario.store.url
         self.store: ModelStore = KuboStore(url) if url else LocalStore(folder / STORE)
         self.hangar = Hangar()
         self.chain = _open_chain(scenario.chain, folder)
-        self._elsewhere = dict(elsewhere or {})
-        self.administrator, self.coordinator, self.publisher, self.authority = map(self.account, PARTIES)
+        self.administrator = self.account("administrator")
+        self.coordinator = self.account("coordinator")
+        self.publisher = self.account("publisher")
+        self.authority = self.account("reputation authority")
         settings = Settings.of(scenario.selection, channels=len(self._policies[0].card.maps))
         self.client = IovClient.deploy(self.chain, settings, self.administrator)
 
     def account(self, name: str) -> str:
         """The address of a party or member."""
-        return self._elsewhere.get(name) or self.chain.account(name)
+        return self.chain.account(name)
 
     def parties(self) -> dict[str, str]:
         """Name and address of those with a role."""
-        return {name: self.account(name) for name in PARTIES}
+        names = ("administrator", "coordinator", "publisher", "reputation authority")
+        return {name: self.account(name) for name in names}
 
     @property
     def head(self) -> str:
