@@ -50,9 +50,10 @@ def command(
 
     Exit status: 0 all agree, 1 something differs, 2 there is nothing to audit.
     """
+    from skyrelay.audit import audit_folder
     from skyrelay.chain.accounts import Keyring
     from skyrelay.chain.node.chain import NodeChain
-    from skyrelay.chain.proof.audit import audit_node, audit_run
+    from skyrelay.chain.proof.audit import audit_node
     from skyrelay.chain.proof.root import TrustRoot
 
     def progress(stage: str) -> None:
@@ -63,7 +64,7 @@ def command(
     if run_dir is not None and not chain and contract is None:
         if chain_id is not None or named or unsealed:
             raise UsageError("audit", str(run_dir), "a folder without --chain-id, --validators or --unsealed")
-        report = audit_run(run_dir, progress, head=root.head)
+        report = audit_folder(run_dir, progress, head=root.head)
     elif run_dir is None and chain and contract is not None:
         node = NodeChain(chain, Keyring.ephemeral(), chain_id=chain_id, root=root)
         report = audit_node(node, contract, progress, root=root)
@@ -78,6 +79,7 @@ def command(
             "checked": dict(report.checked),
             "differences": differences,
             "given": report.given,
+            "unchecked": report.unchecked,
         }
         typer.echo(json.dumps(result, indent=2))
         return 0 if report.agrees else 1
@@ -93,5 +95,9 @@ def command(
         typer.echo("Compare with what you know from elsewhere:")
     for name, value in report.given.items():
         typer.echo(f"  {name}: {value}")
+    if report.unchecked:
+        typer.echo("Not checked, since nothing here gives it:")
+        for what in report.unchecked:
+            typer.echo(f"  {what}")
     typer.echo("All agree." if report.agrees else f"{len(report.differences):,} differences.")
     return 0 if report.agrees else 1

@@ -16,7 +16,6 @@ import pytest
 from chain_rounds import World, write_run
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
 from skyrelay.chain.abi import Event
 from skyrelay.chain.embedded.chain import EmbeddedChain
@@ -24,7 +23,6 @@ from skyrelay.chain.embedded.ledger import FILE_NAME, content_hash
 from skyrelay.chain.proof.audit import audit_run
 from skyrelay.chain.proof.reference import ReferenceContract
 from skyrelay.chain.proof.replay import replay
-from skyrelay.cli.main import app
 from skyrelay.core.errors import RunFolderError
 
 
@@ -302,28 +300,3 @@ def test_a_sender_without_the_right_is_named(events: list[Event]) -> None:
     reference.follow(events)
     named = {difference.place.rsplit(": ", 1)[1] for difference in reference.differences}
     assert {"UAVRegistered", "VehSelectionSubmitted", "UAVAllocated", "ModelAssigned", "ReputationSet"} <= named
-
-
-# The command
-
-
-def test_the_command_tells_by_its_status(run: Path, copy: Path) -> None:
-    agreed = CliRunner().invoke(app, ["audit", str(run)], standalone_mode=False)
-    assert agreed.return_value == 0
-    assert "selections by UAVs" in agreed.output
-    assert "All agree." in agreed.output
-    path = copy / "chain" / FILE_NAME
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
-    path.write_bytes(content)
-    differs = CliRunner().invoke(app, ["audit", str(copy)], standalone_mode=False)
-    assert differs.return_value == 1
-    assert "DIFFERENT  block " in differs.output
-
-
-def test_the_command_as_json(run: Path) -> None:
-    result = CliRunner().invoke(app, ["audit", str(run), "--json"], standalone_mode=False)
-    tree = json.loads(result.stdout)
-    assert tree["agrees"] is True
-    assert tree["differences"] == []
-    assert tree["checked"]["proposals"] > 10

@@ -128,7 +128,7 @@ class EmbeddedChain:
 
     def account(self, name: str) -> str:
         """The address of a member: a hash of its name, for there is no key to manage."""
-        return "0x" + keccak(b"skyrelay embedded account " + name.encode())[12:].hex()
+        return account_of(name)
 
     def send(self, calls: Sequence[Call], timestamp: int | None = None) -> list[Receipt]:
         """Execute calls in as few blocks as their gas limits allow; when this returns they are on the disk.
@@ -389,3 +389,8 @@ class BlockBuilder:
 
 def _address(number: int) -> str:
     return f"0x{number:040x}"
+
+
+def account_of(name: str) -> str:
+    """The address of a member of any embedded chain."""
+    return "0x" + keccak(b"skyrelay embedded account " + name.encode())[12:].hex()

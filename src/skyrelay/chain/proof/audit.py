@@ -39,7 +39,7 @@ EVENTS = "events.parquet"
 Progress = Callable[[str], None]
 
 
-def _in_silence(stage: str) -> None:
+def in_silence(stage: str) -> None:
     """Show no progress."""
 
 
@@ -52,12 +52,20 @@ class AuditReport:
         checked: how many of each thing were compared.
         differences: every one found; none where all agree.
         given: what nothing here can confirm, by name: the reader compares it with a source of their own.
+        unchecked: what was not compared with anything, in words.
+        events: of the contract, as the chain has them.
+        gas: of each transaction to the contract after its founding, on the embedded chain.
+        timestamps: of the embedded chain's blocks [s], by number.
     """
 
     subject: str
     checked: Counter[str] = field(default_factory=Counter)
     differences: list[Difference] = field(default_factory=list)
     given: dict[str, str] = field(default_factory=dict)
+    unchecked: list[str] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    gas: list[int] = field(default_factory=list)
+    timestamps: dict[int, int] = field(default_factory=dict)
 
     @property
     def agrees(self) -> bool:
@@ -65,7 +73,7 @@ class AuditReport:
         return not self.differences
 
 
-def audit_run(folder: Path, progress: Progress = _in_silence, *, head: str | None = None) -> AuditReport:
+def audit_run(folder: Path, progress: Progress = in_silence, *, head: str | None = None) -> AuditReport:
     """Audit a run folder.
 
     Args:
@@ -110,14 +118,16 @@ def audit_run(folder: Path, progress: Progress = _in_silence, *, head: str | Non
         for block in done.blocks
         for index, transaction in enumerate(block.transactions)
     }
-    events = _follow(logs, transactions, address, report)
+    events = report.events = _follow(logs, transactions, address, report)
+    report.gas = _gas(done.blocks, address, events)
+    report.timestamps = {block.number: block.timestamp for block in done.blocks}
     progress("comparing the tables")
     _compare_events(folder / EVENTS, events, report)
     return report
 
 
 def audit_node(
-    chain: NodeChain, address: str, progress: Progress = _in_silence, *, root: TrustRoot | None = None
+    chain: NodeChain, address: str, progress: Progress = in_silence, *, root: TrustRoot | None = None
 ) -> AuditReport:
     """Audit a contract on a node.
 
@@ -142,7 +152,7 @@ def audit_node(
             Difference("eth_getLogs", f"{len(told)} logs", f"the {len(blocks.logs)} of the blocks' receipts")
         )
     progress("rebuilding every selection")
-    events = _follow(blocks.logs, blocks.transactions, client.address, report)
+    events = report.events = _follow(blocks.logs, blocks.transactions, client.address, report)
     for event in [event for event in events if event.name == "Deployed"][:1]:
         helper = event.args["extension"].lower()
         creation = blocks.transactions[event.block, event.transaction]
@@ -182,6 +192,19 @@ def _follow(
     report.checked.update(reference.checked)
     report.differences += reference.differences
     return events
+
+
+def _gas(blocks: Sequence[Block], address: str, events: Sequence[Event]) -> list[int]:
+    """Of what came after the founding: deployment, roles and models are not counted as the run's."""
+    founding = {
+        (event.block, event.transaction) for event in events if event.name in ("RoleGranted", "ModelRegistered")
+    }
+    return [
+        receipt.gas_used
+        for block in blocks
+        for index, (transaction, receipt) in enumerate(zip(block.transactions, block.receipts, strict=True))
+        if transaction.to == address and (block.number, index) not in founding
+    ]
 
 
 def _deployments(blocks: Sequence[Block], chain_id: int) -> list[str]:

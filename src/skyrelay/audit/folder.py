@@ -1,0 +1,158 @@
+"""The audit of a whole run folder: its chain first, then every file beside it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from skyrelay.airspace.law import Law
+from skyrelay.audit.history import History, history
+from skyrelay.audit.measures import check_metrics, check_summary
+from skyrelay.audit.tables import Compared, check_accounts, check_flight, check_periods, one_demand_each
+from skyrelay.chain.client import Settings
+from skyrelay.chain.embedded.chain import account_of
+from skyrelay.chain.proof.audit import AuditReport, Progress, audit_run, in_silence
+from skyrelay.chain.proof.replay import Difference
+from skyrelay.core.errors import RunFolderError, SkyRelayError, StoreError
+from skyrelay.core.resolved import resolve
+from skyrelay.report.page import render
+from skyrelay.runfolder.folder import STORE, SUMMARY
+from skyrelay.runfolder.reader import Run, read_rows, read_run
+from skyrelay.store.cid import Cid
+from skyrelay.store.local import LocalStore
+
+UNCHECKED = (
+    "where vehicles and UAVs were between selections, and UAVs' moves and batteries there (no member signs them)",
+    "who would have been served had the fleet hovered (the columns and figures called static_*)",
+    "demands of vehicles that never proposed",
+    "chain_seconds, wall_seconds, attribution and name in summary.json",
+    "scenario.toml beyond the rules of selection and what the summary repeats",
+    "the charts in figures/",
+)
+"""What neither the chain nor a rule gives, so that a forger could have written it."""
+
+
+def audit_folder(folder: Path, progress: Progress = in_silence, *, head: str | None = None) -> AuditReport:
+    """Audit a run folder.
+
+    Args:
+        progress: is told the name of each stage.
+        head: hash of the record's last block, from elsewhere; None: any record.
+    Raises:
+        RunFolderError: the folder has no chain's record or no summary.
+    """
+    report = audit_run(folder, progress, head=head)
+    compared = Compared(report)
+    try:
+        run = read_run(folder)
+        rows = {name: read_rows(folder, name) for name in ("accounts", "fleet", "members", "proposals", "candidates")}
+    except RunFolderError as error:
+        place = error.place.removeprefix(f"{folder}/")
+        report.differences.append(Difference(place, str(error.value or "not readable"), error.expected))
+        return report
+    progress("working the tables out from the chain")
+    told = _history(compared, run, report)
+    if told is None:
+        return report
+    check_accounts(compared, told, rows["accounts"], account_of if run.summary.chain_url is None else None)
+    _check_scenario(compared, run, told)
+    check_periods(compared, told, rows, run.scenario.selection)
+    summary = run.summary
+    check_flight(compared, told, run.vehicles, run.uavs, summary.steps, summary.period_steps, run.grid)
+    progress("working the figures out from the tables")
+    law = Law.of(resolve(run.scenario, run.grid), run.grid)
+    demands = one_demand_each(compared, rows["members"])
+    check_metrics(compared, run.metrics, run.vehicles, run.uavs, law, told, demands, summary.period_steps)
+    mined = {
+        "transactions": len(report.gas),
+        "gas_used": sum(report.gas),
+        "model_cids": sorted(str(Cid.from_bytes(told.cids[one], "chain")) for one in told.models if one in told.cids),
+    }
+    check_summary(compared, summary, told, {"proposals": run.proposals, "metrics": run.metrics}, mined)
+    progress("hashing the stored policies and drawing the page again")
+    _check_store(compared, run, told)
+    _check_page(compared, run)
+    report.unchecked += UNCHECKED
+    return report
+
+
+def _history(compared: Compared, run: Run, report: AuditReport) -> History | None:
+    """The chain's events, each with its step; None where the table of events does not fit, which then is noted."""
+    steps = run.events["step"].tolist()
+    if len(steps) != len(report.events):
+        return None
+    last = run.summary.steps
+    if np.any(np.diff(run.events["step"]) < 0) or min(steps, default=0) < 0 or max(steps, default=0) > last:
+        compared.differs("events.parquet", "step", "out of order", f"0 to {last}, in order")
+        return None
+    for event, step in zip(report.events, steps, strict=True):
+        mined, due = report.timestamps.get(event.block), 1 + math.floor(step * run.summary.step_seconds)
+        if mined is not None and mined != due and not (step == 0 and mined < due):
+            compared.differs("events.parquet", f"block {event.block}: step", step, f"that of {mined} s")
+    names = dict(zip(run.accounts["address"], run.accounts["name"], strict=True))
+    return history(report.events, steps, names, run.summary.periods, run.summary.period_steps)
+
+
+def _check_scenario(compared: Compared, run: Run, told: History) -> None:
+    """The rules that the contract was deployed with, and what summary and scenario both say."""
+    scenario, summary = run.scenario, run.summary
+    settings = Settings.of(scenario.selection)
+    wanted = {
+        "qouWeights": [round(weight * 1e6) for weight in settings.qou_weights],
+        "qovWeights": [round(weight * 1e6) for weight in settings.qov_weights],
+        "maxBandwidth": settings.max_bandwidth,
+        "maxDemand": settings.max_demand,
+        "maxPayment": settings.max_payment,
+        "maxDistance": round(settings.max_distance * 10),
+        "rangeGate": settings.range_gate,
+    }
+    for key, value in wanted.items():
+        compared.count("rules of the scenario")
+        compared.same("scenario.toml", f"selection ({key})", value, told.parameters.get(key))
+    for key, found, value in (
+        ("name", summary.name, scenario.name),
+        ("seed", summary.seed, scenario.seed),
+        ("steps", summary.steps, scenario.coordination.steps),
+        ("period_steps", summary.period_steps, scenario.coordination.period_steps),
+        ("step_seconds", summary.step_seconds, scenario.coordination.step_seconds),
+        ("range_m", summary.range_m, scenario.fleet.range),
+        ("uavs", summary.uavs, scenario.fleet.uavs),
+    ):
+        compared.count("summary entries")
+        compared.same(SUMMARY, key, found, value)
+
+
+def _check_store(compared: Compared, run: Run, told: History) -> None:
+    """Every block in the folder's store is what its name says, and every policy of the chain is there whole."""
+    if run.scenario.store.url is not None:
+        return
+    store = LocalStore(run.path / STORE)
+    for path in sorted((run.path / STORE / "blocks").glob("*/*")):
+        compared.count("stored blocks")
+        try:
+            cid = Cid.parse(path.name, "block")
+            sound = path.is_file() and path.stat().st_size < 2**24 and cid.names(path.read_bytes())
+        except (SkyRelayError, OSError):
+            sound = False
+        if not sound:
+            compared.differs(STORE, path.name, "other bytes", "those that its name is the hash of")
+    for registered in told.cids.values():
+        try:
+            store.verify(Cid.from_bytes(registered, "chain"))
+        except StoreError as error:
+            compared.differs(STORE, error.place, error.value, error.expected)
+
+
+def _check_page(compared: Compared, run: Run) -> None:
+    """The page is the one that this version draws from these tables."""
+    page = run.path / "report.html"
+    compared.count("pages")
+    text = render(run)
+    try:
+        drawn = page.stat().st_size == len(text.encode()) and page.read_text(encoding="utf-8") == text
+    except (OSError, ValueError):
+        drawn = False
+    if not drawn:
+        compared.differs(page.name, "its text", "another", "what `skyrelay report` draws from the tables")
