@@ -64,3 +64,9 @@ def test_missing_and_broken_files_are_scenario_errors(tmp_path):
 def test_scenarios_are_frozen():
     with pytest.raises(ValueError, match="frozen"):
         Scenario().seed = 3  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("name", ["../x", "a/b", "/etc/x", "a\\b", "a\nb", "a\x00b", "", "x" * 81])
+def test_a_name_that_leaves_its_folder_is_refused(name):
+    with pytest.raises(ScenarioError, match="name"):
+        validate(load_scenario().model_dump(mode="json") | {"name": name}, "scenario.toml")

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 
 from skyrelay.core.errors import StoreError
 from skyrelay.store.cid import CHUNK_BYTES, DAG_PB, Cid, Link, cid_of, encode_node
+from skyrelay.store.fallback import FallbackStore
 from skyrelay.store.local import LocalStore
-from skyrelay.store.model_store import MAX_MODEL_BYTES, StoredModel
+from skyrelay.store.model_store import MAX_IN_MEMORY, MAX_MODEL_BYTES, StoredModel
 
 
 def content(size: int) -> bytes:
@@ -91,13 +92,63 @@ def test_a_node_that_announces_another_size_is_refused(store):
 
 def test_a_tree_made_to_be_huge_or_deep_is_refused(store):
     leaf = store.put(b"12345")
+    huge = store_tree(store, [Link(leaf, MAX_MODEL_BYTES, 5)] * 3)
     with pytest.raises(StoreError, match=f"expected at most {MAX_MODEL_BYTES} bytes"):
-        store.get(store_tree(store, [Link(leaf, MAX_MODEL_BYTES, 5)] * 3))
+        store.verify(huge)
+    with pytest.raises(StoreError, match=f"expected at most {MAX_IN_MEMORY} bytes"):
+        store.get(huge)
     cid = leaf
     for _ in range(40):
         cid = store_tree(store, [Link(cid, 5, 5)])
     with pytest.raises(StoreError, match="does not fit its parent"):
         store.verify(cid)
+
+
+def test_one_block_that_is_linked_to_over_and_over_is_no_bomb(store, tmp_path):
+    """Two blocks on the disk, and a file of a limit's length and more: it is not put together in memory."""
+    leaf = store.put(b"x" * CHUNK_BYTES)
+    node = store_tree(store, [Link(leaf, CHUNK_BYTES, CHUNK_BYTES)] * 174)
+    bomb = store_tree(store, [Link(node, 174 * CHUNK_BYTES, 1)] * 10)
+    with pytest.raises(StoreError, match=r"is 'a file of 456130560 bytes'; expected at most"):
+        store.get(bomb)
+    with pytest.raises(StoreError, match="expected at most 1000 bytes"):
+        FallbackStore([store], pytest.fail).get(node, max_bytes=1000)
+    assert len(store.get(node)) == 174 * CHUNK_BYTES
+
+
+def test_small_chunks_are_refused_at_the_first(store):
+    leaf = store.put(b"1")
+    reads = []
+    block = store._block
+    store._block = lambda cid: reads.append(cid) or block(cid)
+    node = store_tree(store, [Link(leaf, 1, 1)] * 174)
+    tree = store_tree(store, [Link(node, 174, 1)] * 174)
+    with pytest.raises(StoreError, match="a chunk of 1 bytes"):
+        store.verify(tree)
+    assert len(reads) < 10
+
+
+def test_whether_a_tree_of_repeated_links_is_here_takes_no_longer_than_its_blocks(store):
+    cid = store.put(b"12345")
+    size = 5
+    for _ in range(6):
+        cid = store_tree(store, [Link(cid, size, 5)] * 100)
+        size *= 100
+    reads = []
+    block = store._block
+    store._block = lambda cid: reads.append(cid) or block(cid)
+    assert store.has(cid)
+    assert len(reads) == 6
+    with pytest.raises(StoreError, match="levels"):
+        store.has(store_tree(store, [Link(cid, size, 5)]))
+
+
+def test_a_block_that_is_a_large_file_is_not_read_whole(store):
+    cid = store.put(b"12345")
+    with store._path(cid).open("wb") as file:
+        file.truncate(10 << 30)
+    with pytest.raises(StoreError, match="damaged"):
+        store.get(cid)
 
 
 def test_a_name_that_is_no_address_in_the_pins_is_told(store):

@@ -228,7 +228,7 @@ class Store(_Section):
 class Scenario(_Section):
     """A whole run, validated; see docs/reference/scenario.md."""
 
-    name: str = Field("bologna", min_length=1, max_length=80)
+    name: str = Field("bologna", min_length=1, max_length=80, pattern=r"^[^/\\\x00-\x1f\x7f]+$")
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
     mobility: Mobility = Mobility()
     zones: Zones = Zones()

@@ -16,6 +16,7 @@ from skyrelay.chain.client import QOV_UNIT
 from skyrelay.core.files import write_text
 from skyrelay.core.progress import Progress
 from skyrelay.core.scenario import Scenario, to_toml
+from skyrelay.net.http import public_address
 from skyrelay.policy import Policy
 from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.authority import ReputationAuthority
@@ -82,7 +83,7 @@ def play(scenario: Scenario, folder: Path, progress: Progress) -> dict[str, Any]
     begin = time.monotonic()
     progress.stage("Vehicles", 1)
     world = World.of(scenario)
-    write_text(folder / SCENARIO, to_toml(world.scenario))
+    write_text(folder / SCENARIO, to_toml(_without_credentials(world.scenario)))
     with Consortium(world.scenario, folder) as consortium:
         run = Run(world, consortium.account)
         agents = world_agents(world, consortium.account, consortium.hangar.load)
@@ -301,7 +302,7 @@ class Run:
             "uavs_retired": int((flying.fleet.zone == 0).sum()),
             "transactions": self.hosts.transactions,
             "gas_used": self.hosts.gas_used,
-            "chain_url": self.scenario.chain.url,
+            "chain_url": _without_credentials(self.scenario).chain.url,
             "model_cids": sorted({str(self.hosts.cid_of(model)) for model in self.ledger.models}),
             "range_m": self.scenario.fleet.range,
             "step_seconds": config.step_seconds,
@@ -314,3 +315,14 @@ class Run:
 
 def _mean(values: list[float]) -> float | None:
     return round(float(np.mean(values)), 6) if values else None
+
+
+def _without_credentials(scenario: Scenario) -> Scenario:
+    """The scenario as a folder may hold it: of addresses, no name, password or token."""
+
+    def shown(urls: str | None) -> str | None:
+        return None if urls is None else ", ".join(public_address(url) for url in urls.split(","))
+
+    chain = scenario.chain.model_copy(update={"url": shown(scenario.chain.url)})
+    store = scenario.store.model_copy(update={"url": shown(scenario.store.url)})
+    return scenario.model_copy(update={"chain": chain, "store": store})

@@ -11,7 +11,7 @@ from skyrelay.core.errors import StoreError, UsageError
 from skyrelay.store.cid import Cid
 from skyrelay.store.kubo import KuboStore
 from skyrelay.store.local import LocalStore
-from skyrelay.store.model_store import ModelStore, StoredModel
+from skyrelay.store.model_store import MAX_IN_MEMORY, ModelStore, StoredModel
 
 T = TypeVar("T")
 
@@ -61,12 +61,12 @@ class FallbackStore:
             raise StoreError("model", kept, f"every store to keep it ({_reasons(refusals)})")
         return cids[0]
 
-    def get(self, cid: Cid) -> bytes:
+    def get(self, cid: Cid, max_bytes: int = MAX_IN_MEMORY) -> bytes:
         """The model's bytes, from the first store that has them.
 
         Raises: StoreError: every store refused; each with its reason.
         """
-        return self._first(cid, lambda store: store.get(cid))
+        return self._first(cid, lambda store: store.get(cid, max_bytes))
 
     def fetch(self, cid: Cid, out: Path) -> int:
         """Write the model to ``out`` from the first store that has it; return its length [bytes].

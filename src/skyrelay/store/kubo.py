@@ -19,7 +19,7 @@ from skyrelay.core.files import atomic_path
 from skyrelay.core.untrusted import parse_json
 from skyrelay.net.http import Http, HttpError
 from skyrelay.store.cid import CHUNK_BYTES, LINKS_PER_NODE, Cid, Importer, read_chunks
-from skyrelay.store.model_store import MAX_MODEL_BYTES, StoredModel
+from skyrelay.store.model_store import MAX_IN_MEMORY, MAX_MODEL_BYTES, StoredModel
 
 _MAX_REPLY_BYTES = 16 << 20  # of a reply that is not a model: a list of pins is the longest
 _ADD = {
@@ -94,12 +94,12 @@ class KuboStore:
             raise StoreError(f"{self.place}: add", reported, f"{cid}, the address of what was sent")
         return cid
 
-    def get(self, cid: Cid) -> bytes:
+    def get(self, cid: Cid, max_bytes: int = MAX_IN_MEMORY) -> bytes:
         """The model's bytes.
 
-        Raises: StoreError: the node does not answer, has no such model, or sends other bytes.
+        Raises: StoreError: the node does not answer, has no such model, or sends other bytes or more of them.
         """
-        return b"".join(self._checked(cid))
+        return b"".join(self._checked(cid, max_bytes))
 
     def fetch(self, cid: Cid, out: Path) -> int:
         """Write the model to ``out``, whole or not at all; return its length [bytes].
@@ -170,16 +170,15 @@ class KuboStore:
         except _NotFoundError:
             return None
 
-    def _checked(self, cid: Cid) -> Iterator[bytes]:
+    def _checked(self, cid: Cid, max_bytes: int | None = None) -> Iterator[bytes]:
         """The model as it arrives. It may be used only after the iterator has ended: the hash is known then."""
         importer = Importer()
+        most = self._max_bytes if max_bytes is None else min(max_bytes, self._max_bytes)
         with self._ask("cat", {"arg": cid}) as answer:
             while data := answer.read(CHUNK_BYTES):
                 importer.update(data)
-                if importer.file_bytes > self._max_bytes:
-                    raise StoreError(
-                        f"{self.place}: {cid}", f"over {self._max_bytes} bytes", "a model that ends before that"
-                    )
+                if importer.file_bytes > most:
+                    raise StoreError(f"{self.place}: {cid}", f"over {most} bytes", "a model that ends before that")
                 yield data
         came = importer.finish()
         if came != cid:

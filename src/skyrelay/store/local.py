@@ -12,9 +12,10 @@ from pathlib import Path
 
 from skyrelay.core.errors import StoreError
 from skyrelay.core.files import atomic_path, write_bytes
-from skyrelay.store.cid import DAG_PB, Cid, Importer, decode_node, read_chunks
-from skyrelay.store.model_store import MAX_MODEL_BYTES, StoredModel
+from skyrelay.store.cid import CHUNK_BYTES, DAG_PB, Cid, Importer, decode_node, read_chunks
+from skyrelay.store.model_store import MAX_IN_MEMORY, MAX_MODEL_BYTES, StoredModel
 
+_MAX_BLOCK = 2 << 20  # no block of a network that speaks Bitswap is larger
 _MAX_DEPTH = 6  # 174 ** 6 leaves: far beyond any model; a chain of nodes made to be deep ends here
 
 
@@ -41,12 +42,12 @@ class LocalStore:
         self._write_pin(cid)
         return cid
 
-    def get(self, cid: Cid) -> bytes:
+    def get(self, cid: Cid, max_bytes: int = MAX_IN_MEMORY) -> bytes:
         """The model's bytes.
 
-        Raises: StoreError: a block is missing, or is not what its address says.
+        Raises: StoreError: a block is missing, or is not what its address says, or the model is longer.
         """
-        return b"".join(self._leaves(cid))
+        return b"".join(self._leaves(cid, max_bytes))
 
     def fetch(self, cid: Cid, out: Path) -> int:
         """Write the model to ``out``, whole or not at all; return its length [bytes].
@@ -64,9 +65,18 @@ class LocalStore:
 
     def has(self, cid: Cid) -> bool:
         """Whether every block of the model lies here; leaves are not read."""
-        if cid.codec != DAG_PB:
-            return self._path(cid).is_file()
-        return self._path(cid).is_file() and all(self.has(link.cid) for link in decode_node(self._block(cid), cid))
+        seen, level = {cid}, [cid]
+        for _ in range(_MAX_DEPTH + 1):
+            if not all(self._path(block).is_file() for block in level):
+                return False
+            nodes = [block for block in level if block.codec == DAG_PB]
+            # A block that is linked to many times is looked at once.
+            below = {link.cid for node in nodes for link in decode_node(self._block(node), node)}
+            level = sorted(below - seen)
+            seen |= below
+            if not level:
+                return True
+        raise StoreError(f"{self.place}: {cid}", f"a tree of over {_MAX_DEPTH} levels", "a file by `ipfs add`")
 
     def verify(self, cid: Cid) -> int:
         """Hash every block of the model again; return the model's length [bytes].
@@ -97,12 +107,18 @@ class LocalStore:
         block = self._block(cid)
         return sum(link.file_bytes for link in decode_node(block, cid)) if cid.codec == DAG_PB else len(block)
 
-    def _leaves(self, cid: Cid) -> Iterator[bytes]:
+    def _leaves(self, cid: Cid, max_bytes: int = MAX_MODEL_BYTES) -> Iterator[bytes]:
         """The file's chunks in order, each checked."""
         size = self._size(cid)
-        if size > MAX_MODEL_BYTES:
-            raise StoreError(f"{self.place}: {cid}", f"a file of {size} bytes", f"at most {MAX_MODEL_BYTES} bytes")
-        yield from self._leaves_below(cid, size, _MAX_DEPTH)
+        if size > max_bytes:
+            raise StoreError(f"{self.place}: {cid}", f"a file of {size} bytes", f"at most {max_bytes} bytes")
+        left = size
+        for leaf in self._leaves_below(cid, size, _MAX_DEPTH):
+            left -= len(leaf)
+            if left and len(leaf) != CHUNK_BYTES:  # small chunks would make as many reads as bytes
+                expected = f"{CHUNK_BYTES}, as all but the last"
+                raise StoreError(f"{self.place}: {cid}", f"a chunk of {len(leaf)} bytes", expected)
+            yield leaf
 
     def _leaves_below(self, cid: Cid, size: int, depth: int) -> Iterator[bytes]:
         block = self._block(cid)
@@ -120,7 +136,8 @@ class LocalStore:
     def _block(self, cid: Cid) -> bytes:
         path = self._path(cid)
         try:
-            block = path.read_bytes()
+            with path.open("rb") as file:
+                block = file.read(_MAX_BLOCK + 1)
         except FileNotFoundError:
             raise StoreError(
                 f"{self.place}: {cid}",

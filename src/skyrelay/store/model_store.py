@@ -12,6 +12,10 @@ MAX_MODEL_BYTES = 1 << 30
 """No model is larger than this [bytes]: a store that keeps sending is cut off here."""
 
 
+MAX_IN_MEMORY = 64 << 20
+"""What `ModelStore.get` hands out at most where the caller names no other limit [bytes]."""
+
+
 @dataclass(frozen=True, order=True, slots=True)
 class StoredModel:
     """One model that a store keeps.
@@ -38,8 +42,8 @@ class ModelStore(Protocol):
     def put(self, source: Path | bytes) -> Cid:
         """Keep a model and return its address; to keep it twice is to keep it once."""
 
-    def get(self, cid: Cid) -> bytes:
-        """The model's bytes, checked against ``cid``."""
+    def get(self, cid: Cid, max_bytes: int = MAX_IN_MEMORY) -> bytes:
+        """The model's bytes, checked against ``cid``; a longer model is refused before it is in memory."""
 
     def fetch(self, cid: Cid, out: Path) -> int:
         """Write the checked model to ``out``, whole or not at all; return its length [bytes]. Memory is bounded."""

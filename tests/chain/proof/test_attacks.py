@@ -366,3 +366,56 @@ def test_the_command_pins(tmp_path: Path) -> None:
     assert run(app, ["audit", str(tmp_path), "--head", head], standalone_mode=False).return_value == 0
     assert run(app, ["audit", str(tmp_path), "--head", "0x" + "12" * 32], standalone_mode=False).return_value == 1
     assert isinstance(run(app, ["audit", str(tmp_path), "--head", "x"], standalone_mode=False).exception, UsageError)
+
+
+VALUES = [None, True, 1, -1, 1.5, 1e999, "", "x", "0x" + "12" * 20, [], {}, "0x" + "G" * 40, 2**300]
+PLACES = [
+    ("transactions", 0, "sender"),
+    ("transactions", 0, "nonce"),
+    ("transactions", 0, "to"),
+    ("transactions", 0, "gas"),
+    ("transactions", 0, "data"),
+    ("transactions", 0, "hash"),
+    ("transactions", 0),
+    ("receipts", 0, "status"),
+    ("receipts", 0, "created"),
+    ("receipts", 0, "halt"),
+    ("receipts", 0, "logs"),
+    ("receipts", 0),
+    ("writes", "nonces"),
+    ("writes", "codes"),
+    ("writes", "storage"),
+    ("writes",),
+    ("transactions",),
+    ("receipts",),
+    ("timestamp",),
+    ("number",),
+    ("parent",),
+]
+
+
+@pytest.mark.parametrize("place", PLACES, ids=lambda place: "-".join(map(str, place)))
+def test_a_value_of_another_kind_is_a_difference_and_no_crash(tmp_path: Path, place: tuple[Any, ...]) -> None:
+    record(tmp_path / "chain", 30_000_000, LOOP, 60_000)
+    path = tmp_path / "chain" / FILE_NAME
+    first, line = path.read_bytes().splitlines()
+    for value in VALUES:
+        tree = json.loads(line[65:])
+        inner = tree
+        for key in place[:-1]:
+            inner = inner[key]
+        if inner[place[-1]] == value and type(inner[place[-1]]) is type(value):
+            continue
+        inner[place[-1]] = value
+        content = json.dumps(tree, separators=(",", ":")).encode()
+        path.write_bytes(first + b"\n" + content_hash(content)[2:].encode() + b" " + content + b"\n")
+        try:
+            found = replay(tmp_path / "chain").differences
+        except ChainError as error:
+            found = [error]
+        if not (place[-1] == "timestamp" and value == 1):  # the times of blocks are free
+            assert found, (place, value)
+        try:
+            EmbeddedChain(tmp_path / "chain").close()
+        except ChainError as error:
+            assert "\n" not in str(error)  # noqa: PT017  (any other exception is the failure)

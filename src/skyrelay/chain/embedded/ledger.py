@@ -12,6 +12,7 @@ import fcntl
 import hashlib
 import json
 import os
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,6 +26,9 @@ FORMAT = "skyrelay-chain/1"
 MAX_GAS_LIMIT = 1_000_000_000
 """Of a block: more than Python executes in ten seconds."""
 FILE_NAME = "blocks.jsonl"
+
+_ADDRESS = re.compile("0x[0-9a-f]{40}")
+_WORD = re.compile("[0-9a-f]{1,64}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +150,10 @@ def decode_genesis(place: str, line: bytes) -> tuple[str, Genesis]:
     digest, content = split(line)
     try:
         tree = parse_json(content)
-        known, genesis = tree["format"], Genesis(int(tree["chain_id"]), int(tree["gas_limit"]), int(tree["timestamp"]))
+        known, genesis = (
+            tree["format"],
+            Genesis(*(_natural(tree[name]) for name in ("chain_id", "gas_limit", "timestamp"))),
+        )
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise DamagedRecordError(place, None, f"a chain's first record ({error})") from error
     if not 0 < genesis.gas_limit <= MAX_GAS_LIMIT:
@@ -199,54 +206,88 @@ def content_hash(content: bytes) -> str:
 
 
 def _block(place: str, digest: str, tree: dict[str, Any]) -> Block:
-    number = int(tree["number"])
+    number = _natural(tree["number"])
     transactions, receipts, index = [], [], 0
     if len(tree["transactions"]) != len(tree["receipts"]):
         raise DamagedRecordError(
             place, len(tree["receipts"]), f"{len(tree['transactions'])} receipts, one a transaction"
         )
     for place_in_block, (t, r) in enumerate(zip(tree["transactions"], tree["receipts"], strict=True)):
-        transaction = Transaction(t["sender"], int(t["nonce"]), t["to"], int(t["gas"]), bytes.fromhex(t["data"]))
+        transaction = Transaction(
+            _address(t["sender"]),
+            _natural(t["nonce"]),
+            _address_or_none(t["to"]),
+            _natural(t["gas"]),
+            bytes.fromhex(t["data"]),
+        )
         logs = []
         for entry in r["logs"]:
             topics = tuple(bytes.fromhex(topic) for topic in entry["topics"])
             data = bytes.fromhex(entry["data"])
-            logs.append(LogEntry(entry["address"], topics, data, number, place_in_block, index))
+            logs.append(LogEntry(_address(entry["address"]), topics, data, number, place_in_block, index))
             index += 1
         transactions.append(transaction)
         receipts.append(
             Receipt(
-                hash=t["hash"],
+                hash=_text(t["hash"]),
                 block=number,
                 transaction=place_in_block,
-                sender=t["sender"],
-                to=t["to"],
-                created=r["created"],
+                sender=transaction.sender,
+                to=transaction.to,
+                created=_address_or_none(r["created"]),
                 status=bool(r["status"]),
-                gas_used=int(r["gas_used"]),
+                gas_used=_natural(r["gas_used"]),
                 logs=tuple(logs),
                 output=bytes.fromhex(r["output"]),
-                halt=r["halt"],
+                halt=None if r["halt"] is None else _text(r["halt"]),
             )
         )
     writes = tree["writes"]
     return Block(
         number=number,
-        parent=tree["parent"],
-        timestamp=int(tree["timestamp"]),
-        gas_used=int(tree["gas_used"]),
+        parent=_text(tree["parent"]),
+        timestamp=_natural(tree["timestamp"]),
+        gas_used=_natural(tree["gas_used"]),
         transactions=tuple(transactions),
         receipts=tuple(receipts),
         writes=Writes(
-            nonces={address: int(nonce) for address, nonce in writes["nonces"].items()},
-            codes={address: bytes.fromhex(code) for address, code in writes["codes"].items()},
+            nonces={_address(address): _natural(nonce) for address, nonce in writes["nonces"].items()},
+            codes={_address(address): bytes.fromhex(code) for address, code in writes["codes"].items()},
             storage={
-                address: {int(slot, 16): int(value, 16) for slot, value in slots.items()}
+                _address(address): {_word(slot): _word(value) for slot, value in slots.items()}
                 for address, slots in writes["storage"].items()
             },
         ),
         hash=digest,
     )
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"{value!r} is no text")
+    return value
+
+
+def _address(value: Any) -> str:
+    if not _ADDRESS.fullmatch(_text(value)):
+        raise ValueError(f"{value!r} is no address")
+    return str(value)
+
+
+def _address_or_none(value: Any) -> str | None:
+    return None if value is None else _address(value)
+
+
+def _natural(value: Any) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < 1 << 64:
+        raise ValueError(f"{value!r} is no number of 64 bits")
+    return value
+
+
+def _word(value: Any) -> int:
+    if not _WORD.fullmatch(_text(value)):
+        raise ValueError(f"{value!r} is no hexadecimal word")
+    return int(value, 16)
 
 
 def _line(tree: dict[str, Any]) -> tuple[str, bytes]:
