@@ -1,5 +1,6 @@
 """An honest folder agrees; whatever of it is rewritten, with all that is needed for it to look right, is named."""
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -11,10 +12,13 @@ import pytest
 from typer.testing import CliRunner
 
 from skyrelay.audit import audit_folder
+from skyrelay.audit.folder import wrong_signature
+from skyrelay.chain.accounts import SigningKey
 from skyrelay.cli.main import app
 from skyrelay.core.progress import Silent
 from skyrelay.core.scenario import load_scenario
 from skyrelay.report import write_figures, write_report
+from skyrelay.runfolder.manifest import Manifest, read_manifest, write_manifest
 from skyrelay.runfolder.writer import write_summary
 from skyrelay.simulation import play
 
@@ -26,10 +30,13 @@ def recorded(tmp_path_factory):
     folder = tmp_path_factory.mktemp("audit") / "run"
     folder.mkdir()
     small = ["coordination.steps=24", "coordination.period_steps=12", "selection.rounds=3", "fleet.battery=[3.5, 30]"]
-    play(load_scenario("bologna", small), folder, Silent())
+    play(load_scenario("bologna", small), folder, Silent(), draw)
+    return folder
+
+
+def draw(folder):
     write_figures(folder)
     write_report(folder)
-    return folder
 
 
 @pytest.fixture
@@ -38,6 +45,8 @@ def folder(recorded, tmp_path):
 
 
 def places(folder):
+    """Of the files that differ; the forger has written a new manifest."""
+    write_manifest(folder, None)
     return {difference.place.split(":")[0] for difference in audit_folder(folder).differences}
 
 
@@ -150,6 +159,7 @@ def test_every_rewritten_figure_is_named(folder):
         assert forged[key] != value
     write_summary(folder, summary | forged)
     write_report(folder)
+    write_manifest(folder, None)
     named = {difference.place for difference in audit_folder(folder).differences}
     assert {f"summary.json: {key}" for key in FIGURES} <= named
 
@@ -200,3 +210,38 @@ def test_the_command_as_json(recorded):
     assert tree["differences"] == []
     assert tree["checked"]["proposals"] > 10
     assert tree["unchecked"]
+
+
+def test_what_the_manifest_does_not_have_is_named(folder):
+    (folder / "figures" / "energy.png").write_bytes(b"another chart")
+    (folder / "figures" / "coverage.pdf").unlink()
+    (folder / "notes.txt").write_text("new")
+    found = {str(difference) for difference in audit_folder(folder).differences}
+    assert found == {
+        "manifest.json: figures/energy.png: other bytes, should be what the manifest has",
+        "manifest.json: figures/coverage.pdf: is not there, should be what the manifest has",
+        "manifest.json: notes.txt: a file, should be none",
+    }
+
+
+@pytest.mark.parametrize(
+    "text", ["{", "[]", '{"files": {}}', '{"files": {"a": 1}, "signer": null, "signature": null}', None]
+)
+def test_a_manifest_that_is_none_is_named(folder, text):
+    (folder / "manifest.json").unlink()
+    if text is not None:
+        (folder / "manifest.json").write_text(text)
+    assert [difference.place for difference in audit_folder(folder).differences] == ["manifest.json"]
+
+
+def test_a_signature_counts_if_a_party_of_the_chain_has_given_it(recorded):
+    report = audit_folder(recorded)
+    party, stranger = SigningKey(), SigningKey()
+    granted = next(event for event in report.events if event.name == "RoleGranted")
+    report.events = [dataclasses.replace(granted, args={**granted.args, "account": party.address})]
+    files = read_manifest(recorded).files
+    for key, sealed, fits in ((party, True, True), (stranger, True, False), (party, False, False)):
+        unsigned = Manifest(files=files, signer=None, signature=None)
+        signature = key.sign(unsigned.message if sealed else b"another message").hex()
+        signed = Manifest(files=files, signer=key.address, signature=signature)
+        assert (wrong_signature(signed, report.events) is None) == fits

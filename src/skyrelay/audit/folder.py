@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,8 @@ from skyrelay.airspace.law import Law
 from skyrelay.audit.history import History, history
 from skyrelay.audit.measures import check_metrics, check_summary
 from skyrelay.audit.tables import Compared, check_accounts, check_flight, check_periods, one_demand_each
+from skyrelay.chain.abi import Event
+from skyrelay.chain.accounts import signer
 from skyrelay.chain.client import Settings
 from skyrelay.chain.embedded.chain import account_of
 from skyrelay.chain.proof.audit import AuditReport, Progress, audit_run, in_silence
@@ -19,6 +23,7 @@ from skyrelay.core.errors import RunFolderError, SkyRelayError, StoreError
 from skyrelay.core.resolved import resolve
 from skyrelay.report.page import render
 from skyrelay.runfolder.folder import STORE, SUMMARY
+from skyrelay.runfolder.manifest import MANIFEST, Manifest, entries, read_manifest
 from skyrelay.runfolder.reader import Run, read_rows, read_run
 from skyrelay.store.cid import Cid
 from skyrelay.store.local import LocalStore
@@ -29,7 +34,7 @@ UNCHECKED = (
     "demands of vehicles that never proposed",
     "chain_seconds, wall_seconds, attribution and name in summary.json",
     "scenario.toml beyond the rules of selection and what the summary repeats",
-    "the charts in figures/",
+    "the charts in figures/, but for their digests in the manifest",
 )
 """What neither the chain nor a rule gives, so that a forger could have written it."""
 
@@ -45,6 +50,7 @@ def audit_folder(folder: Path, progress: Progress = in_silence, *, head: str | N
     """
     report = audit_run(folder, progress, head=head)
     compared = Compared(report)
+    _check_manifest(compared, folder, report)
     try:
         run = read_run(folder)
         rows = {name: read_rows(folder, name) for name in ("accounts", "fleet", "members", "proposals", "candidates")}
@@ -93,6 +99,36 @@ def _history(compared: Compared, run: Run, report: AuditReport) -> History | Non
             compared.differs("events.parquet", f"block {event.block}: step", step, f"that of {mined} s")
     names = dict(zip(run.accounts["address"], run.accounts["name"], strict=True))
     return history(report.events, steps, names, run.summary.periods, run.summary.period_steps)
+
+
+def _check_manifest(compared: Compared, folder: Path, report: AuditReport) -> None:
+    """The files are those of the manifest, and a party of the chain has signed it."""
+    try:
+        manifest = read_manifest(folder)
+    except RunFolderError as error:
+        report.differences.append(Difference(MANIFEST, str(error.value or "not readable"), error.expected))
+        return
+    found = entries(folder)
+    compared.count("files of the manifest", len(manifest.files))
+    for name in sorted(found.keys() | manifest.files.keys()):
+        if found.get(name) != manifest.files.get(name):
+            is_there = "is not there" if name not in found else "other bytes" if name in manifest.files else "a file"
+            compared.differs(MANIFEST, name, is_there, "what the manifest has" if name in manifest.files else "none")
+    digest = hashlib.sha256(manifest.message).hexdigest()
+    report.given["manifest"] = f"{digest} (the SHA-256 of the files' digests)"
+    if manifest.signature is None:
+        report.unchecked.append("who wrote the manifest: it is unsigned, as the embedded chain's accounts have no keys")
+        return
+    wrong = wrong_signature(manifest, report.events)
+    if wrong is not None:
+        compared.differs(MANIFEST, "signature", wrong, "that of a party of the chain")
+
+
+def wrong_signature(manifest: Manifest, events: Sequence[Event]) -> str | None:
+    """Who has signed, if that is no account with a role on the chain; None where all is well."""
+    address = signer(manifest.message, bytes.fromhex(manifest.signature or ""))
+    roles = {event.args["account"] for event in events if event.name == "RoleGranted"}
+    return None if address is not None and address == manifest.signer and address in roles else address or "nobody"
 
 
 def _check_scenario(compared: Compared, run: Run, told: History) -> None:

@@ -48,12 +48,15 @@ def command(
         overrides.append(f"chain.chain_id={chain_id}")
     config = load_scenario(scenario, overrides, seed)
     target = out or Path("runs") / f"{config.name}-{config.seed}"
-    with ShownProgress() as progress, new_run_folder(target, replace=force) as folder:
-        summary = play(config, folder, progress)
+
+    def draw(folder: Path) -> None:
         progress.stage("Report", 2)
         write_figures(folder)
         progress.advance()
         write_report(folder)
+
+    with ShownProgress() as progress, new_run_folder(target, replace=force) as folder:
+        summary = play(config, folder, progress, draw)
     if as_json:
         print_result(summary, as_json)
     else:

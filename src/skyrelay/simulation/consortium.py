@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
@@ -71,6 +72,14 @@ class Consortium:
         """Name and address of those with a role."""
         names = ("administrator", "coordinator", "publisher", "reputation authority")
         return {name: self.account(name) for name in names}
+
+    @property
+    def signer(self) -> Callable[[bytes], tuple[str, bytes]] | None:
+        """Signs for the coordinator; None on the embedded chain, whose accounts have no keys."""
+        if isinstance(self.chain, EmbeddedChain):
+            return None
+        chain = self.chain
+        return lambda message: (self.coordinator, chain.vouch(self.coordinator, message))
 
     @property
     def head(self) -> str:

@@ -27,6 +27,7 @@ from skyrelay.protocol.uav import UavAgent
 from skyrelay.protocol.vehicle import Choice, VehicleAgent
 from skyrelay.protocol.zone_view import ZoneView
 from skyrelay.runfolder.folder import SCENARIO
+from skyrelay.runfolder.manifest import write_manifest
 from skyrelay.runfolder.writer import write_summary
 from skyrelay.simulation.consortium import Consortium
 from skyrelay.simulation.ledger import Ledger
@@ -73,9 +74,13 @@ class Hosts(Protocol):
         """Where a model's bytes are, by the contract."""
 
 
-def play(scenario: Scenario, folder: Path, progress: Progress) -> dict[str, Any]:
+def play(
+    scenario: Scenario, folder: Path, progress: Progress, finish: Callable[[Path], None] = lambda _: None
+) -> dict[str, Any]:
     """Play a scenario in this process and leave its record in ``folder``.
 
+    Args:
+        finish: adds to the complete record (charts, the page) before its manifest is written and signed.
     Returns: the summary, as in ``summary.json``.
     Raises:
         TraceError, ModelError, StoreError, ChainError: naming what was wrong with what.
@@ -102,7 +107,9 @@ def play(scenario: Scenario, folder: Path, progress: Progress) -> dict[str, Any]
             "wall_seconds": round(time.monotonic() - begin, 3),
         }
         run.record(folder, consortium.parties())
-    write_summary(folder, summary)
+        write_summary(folder, summary)
+        finish(folder)
+        write_manifest(folder, consortium.signer)
     return summary
 
 

@@ -93,6 +93,10 @@ class NodeChain:
         """The address of a member of this host."""
         return self._keyring.account(name)
 
+    def vouch(self, member: str, message: bytes) -> bytes:
+        """The signature of a member of this host under a message that is no transaction; see `Keyring.vouch`."""
+        return self._keyring.vouch(member, message)
+
     def send(self, calls: Sequence[Call], timestamp: int | None = None) -> list[Receipt]:  # noqa: ARG002
         """Sign, send, and wait until every call is mined and confirmed.
 
