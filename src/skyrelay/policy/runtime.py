@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 
@@ -13,8 +14,11 @@ from pydantic import ValidationError
 from skyrelay.airspace.flight import ACTIONS
 from skyrelay.airspace.observation import Observer
 from skyrelay.core.errors import ModelError
+from skyrelay.core.untrusted import parse_json
 from skyrelay.policy.card import CARD_KEY, Card
+from skyrelay.policy.trial import require_harmless, trust
 
+MAX_CARD_BYTES = 2**20
 MAX_BYTES = 64 * 2**20
 """Larger files are refused before they are parsed."""
 
@@ -43,9 +47,11 @@ class Policy:
             ) from error
         self.card = _card(session, place)
         self.content = content
+        self._place = place
         self._session = session
         _check(session, self.card, place)
-        self.decide(np.zeros((1, len(self.card.maps), self.card.n, self.card.n), dtype=np.float32))
+        for batch in (1, 3):
+            self.decide(np.zeros((batch, len(self.card.maps), self.card.n, self.card.n), dtype=np.float32))
 
     @classmethod
     def load(cls, source: str | Path | bytes, place: str | None = None) -> Policy:
@@ -58,13 +64,23 @@ class Policy:
             ModelError: it cannot be read, is no ONNX model, has no valid card, or its input and output do not fit.
         """
         if isinstance(source, bytes):
-            return cls(source, place or "policy")
+            return cls._tried(source, place or "policy")
         path = Path(source)
         try:
-            content = path.read_bytes()
+            with path.open("rb") as file:
+                content = file.read(MAX_BYTES + 1)
         except OSError as error:
             raise ModelError(place or path, None, f"a readable ONNX file ({error.strerror})") from error
-        return cls(content, place or str(path))
+        return cls._tried(content, place or str(path))
+
+    @classmethod
+    def _tried(cls, content: bytes, place: str) -> Policy:
+        """Load what another process has loaded and run unharmed."""
+        if not 0 < len(content) <= MAX_BYTES:
+            raise ModelError(place, f"{len(content)} bytes", f"a policy of 1 to {MAX_BYTES} bytes")
+        _trust_own()
+        require_harmless(content, place)
+        return cls(content, place)
 
     @classmethod
     def builtin(cls, name: str) -> Policy:
@@ -94,7 +110,14 @@ class Policy:
 
     def logits(self, maps: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         """[batch, 9] the network's outputs for maps [batch, maps, n, n]."""
-        result: npt.NDArray[np.float32] = self._session.run(None, {self._session.get_inputs()[0].name: maps})[0]
+        try:
+            result: npt.NDArray[np.float32] = self._session.run(None, {self._session.get_inputs()[0].name: maps})[0]
+        except Exception as error:  # as above
+            reason = (str(error).splitlines() or [type(error).__name__])[0][:160]
+            raise ModelError(self._place, None, f"a network that decides on {list(maps.shape)} ({reason})") from error
+        if result.shape != (len(maps), ACTIONS) or not np.isfinite(result).all():
+            found = "not a number" if result.shape == (len(maps), ACTIONS) else f"of shape {list(result.shape)}"
+            raise ModelError(f"{self._place}: output", found, f"[{len(maps)}, {ACTIONS}] finite values")
         return result
 
     def decide(self, maps: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
@@ -108,6 +131,13 @@ class Policy:
         return actions
 
 
+@lru_cache(maxsize=1)
+def _trust_own() -> None:
+    """The policies of the package need no trial."""
+    for name in builtin_policies():
+        trust((files("skyrelay.data") / "policies" / f"{name}.onnx").read_bytes())
+
+
 def builtin_policies() -> list[str]:
     """Names of the policies inside the package."""
     folder = files("skyrelay.data") / "policies"
@@ -118,6 +148,10 @@ def _card(session: onnxruntime.InferenceSession, place: str) -> Card:
     text = session.get_modelmeta().custom_metadata_map.get(CARD_KEY)
     if text is None:
         raise ModelError(place, None, f"a model card in the metadata entry {CARD_KEY!r}")
+    try:
+        parse_json(text, size=MAX_CARD_BYTES)
+    except ValueError as error:
+        raise ModelError(f"{place}: card", None, f"JSON ({error})") from None
     try:
         return Card.model_validate_json(text)
     except ValidationError as error:
