@@ -74,7 +74,7 @@ function plain(value) {
 
 function union(first, second) {
   const known = new Set(first.map((entry) => JSON.stringify(entry)));
-  return [...first, ...second.filter((entry) => !known.has(JSON.stringify(entry)))];
+  return [...first, ...second.filter((entry) => entry.type !== "constructor" && !known.has(JSON.stringify(entry)))];
 }
 
 function artifact(name, extra) {

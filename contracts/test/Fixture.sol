@@ -1,24 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity 0.8.26;
 
-import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
+import {IAccessControlDefaultAdminRules} from
+    "@openzeppelin/contracts/access/extensions/IAccessControlDefaultAdminRules.sol";
 import {ISkyRelay} from "../src/interfaces/ISkyRelay.sol";
 import {ISkyRelayExtension} from "../src/interfaces/ISkyRelayExtension.sol";
 import {ISkyRelayTypes} from "../src/interfaces/ISkyRelayTypes.sol";
 import {Test} from "./Vm.sol";
 
-/// @notice What SkyRelay answers itself: its interface, and its roles.
-interface IRelay is ISkyRelay, IAccessControl {
+/// @notice What SkyRelay answers: both interfaces, and its roles.
+interface IRelay is ISkyRelay, ISkyRelayExtension, IAccessControlDefaultAdminRules {
     function COORDINATOR_ROLE() external view returns (bytes32);
     function PUBLISHER_ROLE() external view returns (bytes32);
     function REPUTATION_ROLE() external view returns (bytes32);
+    function REGISTRAR_ROLE() external view returns (bytes32);
 }
 
 /// @notice A deployed SkyRelay, this contract holding all its roles, and named members.
 abstract contract Fixture is Test, ISkyRelayTypes {
     IRelay internal relay;
-    /// @dev The same address, for what the extension answers.
-    ISkyRelayExtension internal more;
 
     function parameters() internal pure virtual returns (Parameters memory) {
         return Parameters({
@@ -33,7 +33,12 @@ abstract contract Fixture is Test, ISkyRelayTypes {
             ratingStep: 100,
             observationSide: 11,
             channels: 6,
-            actions: 9
+            actions: 9,
+            admission: false,
+            staleAfter: 3_600,
+            allocationDeadline: 60,
+            minimumPeriod: 0,
+            adminDelay: 1 days
         });
     }
 
@@ -50,8 +55,8 @@ abstract contract Fixture is Test, ISkyRelayTypes {
         }
     }
 
-    function newExtension() internal returns (address) {
-        return create(code("SkyRelayExtension"));
+    function newExtension(Parameters memory p) internal returns (address) {
+        return create(bytes.concat(code("SkyRelayExtension"), abi.encode(p)));
     }
 
     function newRelay(Parameters memory p, address extension) internal returns (address) {
@@ -59,12 +64,12 @@ abstract contract Fixture is Test, ISkyRelayTypes {
     }
 
     function deploy() internal {
-        relay = IRelay(newRelay(parameters(), newExtension()));
+        relay = IRelay(newRelay(parameters(), newExtension(parameters())));
         check(address(relay) != address(0), "deployed");
-        more = ISkyRelayExtension(address(relay));
         relay.grantRole(relay.COORDINATOR_ROLE(), address(this));
         relay.grantRole(relay.PUBLISHER_ROLE(), address(this));
         relay.grantRole(relay.REPUTATION_ROLE(), address(this));
+        relay.grantRole(relay.REGISTRAR_ROLE(), address(this));
     }
 
     function uav(uint256 i) internal pure returns (address) {
@@ -96,11 +101,15 @@ abstract contract Fixture is Test, ISkyRelayTypes {
         check(relay.allocateZone(zone, type(uint256).max), "allocated in one piece");
     }
 
+    function zoneUAVs(uint32 zone) internal view returns (address[] memory) {
+        return relay.getZoneUAV(zone, 0, type(uint256).max);
+    }
+
     function status(address member) internal view returns (ProposalStatus found) {
-        (found,,) = more.getVehicleSelection(member);
+        (found,,) = relay.getVehicleSelection(member);
     }
 
     function round(uint32 zone) internal view returns (uint32) {
-        return more.getZoneInfo(zone).round;
+        return relay.getZoneInfo(zone).round;
     }
 }

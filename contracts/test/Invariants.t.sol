@@ -38,7 +38,7 @@ contract Handler is Fixture {
             UAVInfo memory u = relay.getUAVInfo(member);
             return keccak256(abi.encode(u.x, u.y, u.altitude, u.battery, u.bandwidth, u.zone));
         }
-        VehicleInfo memory v = more.getVehicleInfo(member);
+        VehicleInfo memory v = relay.getVehicleInfo(member);
         return keccak256(abi.encode(v.x, v.y, v.payment, v.zone));
     }
 
@@ -59,9 +59,9 @@ contract Handler is Fixture {
     }
 
     function proposeInOwnZone(uint256 v, uint256 pick, uint256 demand) public {
-        uint32 zone = more.getVehicleInfo(vehicle(v % VEHICLES)).zone;
+        uint32 zone = relay.getVehicleInfo(vehicle(v % VEHICLES)).zone;
         if (zone == 0) return;
-        address[] memory uavs = relay.getZoneUAV(zone);
+        address[] memory uavs = zoneUAVs(zone);
         if (uavs.length == 0) return;
         vm.prank(vehicle(v % VEHICLES));
         relay.submitVehSelection(uavs[pick % uavs.length], uint32(bound(demand, 1, 4_000)), round(zone));
@@ -74,7 +74,7 @@ contract Handler is Fixture {
     }
 
     function everyoneProposes(uint256 zone, uint256 pick, uint256 demand) public {
-        address[] memory uavs = relay.getZoneUAV(zoneOf(zone));
+        address[] memory uavs = zoneUAVs(zoneOf(zone));
         if (uavs.length == 0) return;
         uint32 current = round(zoneOf(zone));
         for (uint256 i = 0; i < VEHICLES; ++i) {
@@ -122,21 +122,21 @@ contract Handler is Fixture {
         for (uint256 i = 0; i < VEHICLES; ++i) {
             uint256 before = relay.getUAVInfo(rated).reputation;
             vm.prank(vehicle(i));
-            try more.rateUAV(rated, good) {
+            try relay.rateUAV(rated, good) {
                 ++ratings;
                 uint256 after_ = relay.getUAVInfo(rated).reputation;
                 if (after_ > before + 100 || before > after_ + 100) violation = "a rating moved too far";
                 vm.prank(vehicle(i));
-                try more.rateUAV(rated, good) {
+                try relay.rateUAV(rated, good) {
                     violation = "a vehicle rated twice";
                 } catch {}
             } catch {}
             for (uint16 index = 0; index < 4; ++index) {
                 vm.prank(rated);
-                try more.rateVehicle(vehicle(i), index, good) {
+                try relay.rateVehicle(vehicle(i), index, good) {
                     ++ratings;
                     vm.prank(rated);
-                    try more.rateVehicle(vehicle(i), index, good) {
+                    try relay.rateVehicle(vehicle(i), index, good) {
                         violation = "a UAV rated twice";
                     } catch {}
                 } catch {}
@@ -173,17 +173,17 @@ contract Handler is Fixture {
     }
 
     function checkZone(uint32 zone, uint256[VEHICLES] memory served) private view returns (uint256 vehicles) {
-        address[] memory uavs = relay.getZoneUAV(zone);
+        address[] memory uavs = zoneUAVs(zone);
         uint256 selecting;
         for (uint256 i = 0; i < uavs.length; ++i) {
             uint256 held = checkUAV(uavs[i], zone, served);
             vehicles += held;
             if (held != 0) ++selecting;
         }
-        ZoneInfo memory z = more.getZoneInfo(zone);
+        ZoneInfo memory z = relay.getZoneInfo(zone);
         equal(z.selectedVehicles, vehicles, "selected vehicles of a zone");
         equal(z.selectedUAVs, selecting, "selecting UAVs of a zone");
-        equal(more.getSelectedUAVs(zone).length, selecting, "list of selecting UAVs");
+        equal(relay.getSelectedUAVs(zone, 0, type(uint256).max).length, selecting, "list of selecting UAVs");
     }
 
     function checkUAV(address member, uint32 zone, uint256[VEHICLES] memory served)
@@ -194,10 +194,10 @@ contract Handler is Fixture {
         UAVInfo memory u = relay.getUAVInfo(member);
         equal(u.zone, zone, "a zone's list holds a UAV of another zone");
         uint256 promised;
-        VehicleSelection[] memory proposals = more.getProposals(member);
+        VehicleSelection[] memory proposals = relay.getProposals(member);
         for (uint256 k = 0; k < proposals.length; ++k) {
             VehicleSelection memory p = proposals[k];
-            if (p.vehicle == address(0) || p.status == ProposalStatus.Rejected) continue;
+            if (p.status == ProposalStatus.None || p.status == ProposalStatus.Rejected) continue;
             checkOpen(p, member, k, zone);
             if (p.status == ProposalStatus.Selected) {
                 promised += p.demand;
@@ -211,9 +211,9 @@ contract Handler is Fixture {
 
     /// @dev Open and selected proposals are their vehicle's own, and its only one.
     function checkOpen(VehicleSelection memory p, address member, uint256 k, uint32 zone) private view {
-        (ProposalStatus known, address to, uint16 index) = more.getVehicleSelection(p.vehicle);
+        (ProposalStatus known, address to, uint16 index) = relay.getVehicleSelection(p.vehicle);
         check(known == p.status && to == member && index == k, "a dangling entry");
-        equal(more.getVehicleInfo(p.vehicle).zone, zone, "a vehicle of another zone");
+        equal(relay.getVehicleInfo(p.vehicle).zone, zone, "a vehicle of another zone");
     }
 
     /// @dev Every zone can be brought to the end of its round, whatever happened, in pieces of any size.
@@ -223,7 +223,7 @@ contract Handler is Fixture {
                 check(pieces <= UAVS, "an allocation does not end");
             }
             relay.resetListsForZone(zone);
-            equal(more.getZoneInfo(zone).selectedVehicles, 0, "reset");
+            equal(relay.getZoneInfo(zone).selectedVehicles, 0, "reset");
         }
     }
 }

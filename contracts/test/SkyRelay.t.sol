@@ -34,7 +34,7 @@ contract SkyRelayTest is Fixture {
     // Deployment
 
     function test_deploymentRefusesWeightsThatDoNotSumToOne() public {
-        address extension = newExtension();
+        address extension = newExtension(parameters());
         Parameters memory p = parameters();
         p.qovWeights[0] += 1;
         vm.expectRevert(InvalidParameters.selector);
@@ -46,7 +46,7 @@ contract SkyRelayTest is Fixture {
     }
 
     function test_deploymentRefusesAMaximumOfZeroAndAnExtensionWithoutCode() public {
-        address extension = newExtension();
+        address extension = newExtension(parameters());
         for (uint256 i = 0; i < 8; ++i) {
             Parameters memory p = parameters();
             if (i == 0) p.maxBandwidth = 0;
@@ -65,7 +65,7 @@ contract SkyRelayTest is Fixture {
     }
 
     function test_extensionAloneServesNobody() public {
-        ISkyRelayExtension alone = ISkyRelayExtension(newExtension());
+        ISkyRelayExtension alone = ISkyRelayExtension(newExtension(parameters()));
         vm.expectRevert();
         alone.registerModel(CID, card(1, 3, 0));
         vm.expectRevert();
@@ -92,20 +92,20 @@ contract SkyRelayTest is Fixture {
         vm.expectRevert(refusal);
         relay.determineMDRLModel(1);
         vm.prank(stranger);
-        vm.expectRevert(refusal);
+        vm.expectRevert(abi.encodeWithSelector(NotOwnRecord.selector, uav(0), stranger));
         relay.resetUAVSubmission(uav(0));
         bytes32 publisher = relay.PUBLISHER_ROLE();
         vm.prank(stranger);
         vm.expectRevert(
             abi.encodeWithSelector(IAccessControl.AccessControlUnauthorizedAccount.selector, stranger, publisher)
         );
-        more.registerModel(CID, card(1, 3, 0));
+        relay.registerModel(CID, card(1, 3, 0));
         bytes32 reputation = relay.REPUTATION_ROLE();
         vm.prank(stranger);
         vm.expectRevert(
             abi.encodeWithSelector(IAccessControl.AccessControlUnauthorizedAccount.selector, stranger, reputation)
         );
-        more.setReputations(new address[](0), new uint16[](0));
+        relay.setReputations(new address[](0), new uint16[](0));
     }
 
     function test_nobodyMovesAnothersUAV() public {
@@ -119,22 +119,22 @@ contract SkyRelayTest is Fixture {
         vm.expectRevert(abi.encodeWithSelector(UnknownUAV.selector, uav(0)));
         relay.getUAVInfo(uav(0));
         vm.expectRevert(abi.encodeWithSelector(UnknownVehicle.selector, vehicle(0)));
-        more.getVehicleInfo(vehicle(0));
+        relay.getVehicleInfo(vehicle(0));
         vm.expectRevert(abi.encodeWithSelector(UnknownZone.selector, uint32(7)));
-        relay.getZoneUAV(7);
+        zoneUAVs(7);
         vm.expectRevert(abi.encodeWithSelector(UnknownZone.selector, uint32(7)));
         relay.allocateZone(7, 1);
         vm.expectRevert(abi.encodeWithSelector(UnknownZone.selector, uint32(7)));
         relay.resetListsForZone(7);
         vm.expectRevert(abi.encodeWithSelector(UnknownModel.selector, bytes32(0)));
-        more.getModel(0);
+        relay.getModel(0);
         vm.expectRevert(abi.encodeWithSelector(UnknownVehicle.selector, address(this)));
         relay.updateVehicleInfo(0, 0, 0, 1);
         vm.expectRevert(abi.encodeWithSelector(UnknownUAV.selector, address(this)));
         relay.updateUAVInfo(0, 0, 0, 1, 1);
         address[] memory members = new address[](1);
         vm.expectRevert(abi.encodeWithSelector(UnknownMember.selector, address(0)));
-        more.setReputations(members, new uint16[](1));
+        relay.setReputations(members, new uint16[](1));
     }
 
     function test_aMemberRegistersOnceAndAsOneKind() public {
@@ -174,6 +174,7 @@ contract SkyRelayTest is Fixture {
         uint32 zone,
         uint32 time
     ) public {
+        time = uint32(bound(time, 1, type(uint32).max - 1));
         vm.warp(time);
         battery = uint16(bound(battery, 0, 10_000));
         bandwidth = uint32(bound(bandwidth, 0, 20_000));
@@ -186,12 +187,12 @@ contract SkyRelayTest is Fixture {
         check(u.reputation == 5_000 && u.timestamp == time && u.index == 0, "uav");
         vm.prank(vehicle(0));
         relay.registerVehicle(x, y, payment, zone);
-        VehicleInfo memory v = more.getVehicleInfo(vehicle(0));
+        VehicleInfo memory v = relay.getVehicleInfo(vehicle(0));
         check(v.x == x && v.y == y && v.payment == payment && v.zone == zone, "vehicle");
         check(v.reputation == 5_000 && v.timestamp == time, "vehicle");
         vm.prank(vehicle(0));
         relay.updateVehicleInfo(y, x, 3, 9);
-        v = more.getVehicleInfo(vehicle(0));
+        v = relay.getVehicleInfo(vehicle(0));
         check(v.x == y && v.y == x && v.payment == 3 && v.zone == 9 && v.reputation == 5_000, "vehicle update");
         vm.prank(uav(0));
         relay.updateUAVInfo(y, x, 5, 6, 7);
@@ -207,7 +208,7 @@ contract SkyRelayTest is Fixture {
         check(status(vehicle(0)) == ProposalStatus.None, "no proposal");
         vm.prank(vehicle(0));
         relay.updateVehicleInfo(1, 1, 1, 3);
-        equal(more.getVehicleInfo(vehicle(0)).zone, 3, "zone");
+        equal(relay.getVehicleInfo(vehicle(0)).zone, 3, "zone");
     }
 
     function test_proposalsOnlyWithinZoneRangeRoundAndCharge() public {
@@ -278,8 +279,8 @@ contract SkyRelayTest is Fixture {
         submit(middle, uav(1), 1_000, 2);
         allocate(1);
         check(status(middle) == ProposalStatus.Selected && status(poor) == ProposalStatus.Rejected, "displaced");
-        equal(more.getZoneInfo(1).selectedVehicles, 2, "selected vehicles");
-        equal(more.getZoneInfo(1).selectedUAVs, 2, "selected UAVs");
+        equal(relay.getZoneInfo(1).selectedVehicles, 2, "selected vehicles");
+        equal(relay.getZoneInfo(1).selectedUAVs, 2, "selected UAVs");
     }
 
     function test_equalScoresGoToTheEarlierAndSmallerOnesMayStillFit() public {
@@ -295,7 +296,7 @@ contract SkyRelayTest is Fixture {
         }
         submit(vehicle(3), uav(0), 500, 1);
         allocate(1);
-        VehicleSelection[] memory proposals = more.getProposals(uav(0));
+        VehicleSelection[] memory proposals = relay.getProposals(uav(0));
         equal(proposals[0].score, proposals[2].score, "equal scores");
         check(proposals[0].status == ProposalStatus.Selected, "earliest");
         check(proposals[1].status == ProposalStatus.Selected, "second");
@@ -344,27 +345,32 @@ contract SkyRelayTest is Fixture {
         check(status(vehicle(1)) == ProposalStatus.Selected, "decided in the first piece");
         check(status(vehicle(2)) == ProposalStatus.Selected, "decided later");
         check(status(vehicle(5)) == ProposalStatus.Selected, "moved up and decided");
-        equal(more.getZoneInfo(1).selectedVehicles, 3, "selected");
-        equal(relay.getZoneUAV(1).length, 5, "list");
+        equal(relay.getZoneInfo(1).selectedVehicles, 3, "selected");
+        equal(zoneUAVs(1).length, 5, "list");
         for (uint256 i = 0; i < 5; ++i) {
             // Each one's place is its own: it can leave.
-            address leaving = relay.getZoneUAV(1)[0];
+            address leaving = zoneUAVs(1)[0];
             vm.prank(leaving);
             relay.updateUAVZone(leaving, 0);
         }
-        equal(relay.getZoneUAV(1).length, 0, "empty");
+        equal(zoneUAVs(1).length, 0, "empty");
     }
 
-    function test_aResetEndsAnAllocationHalfWay() public {
+    function test_noResetVoidsWhatIsUndecidedOrHalfDecided() public {
         for (uint256 i = 0; i < 3; ++i) {
             addUAV(i, 5_000, 1);
             addVehicle(i, 10, 1);
             submit(vehicle(i), uav(i), 1_000, 1);
         }
-        check(!relay.allocateZone(1, 1), "first piece");
+        vm.expectRevert(abi.encodeWithSelector(ProposalsUndecided.selector, uint32(1)));
         relay.resetListsForZone(1);
-        ZoneInfo memory z = more.getZoneInfo(1);
-        check(!z.allocating && z.selectedVehicles == 0 && z.selectedUAVs == 0 && z.period == 2, "reset");
+        check(!relay.allocateZone(1, 1), "first piece");
+        vm.expectRevert(abi.encodeWithSelector(ProposalsUndecided.selector, uint32(1)));
+        relay.resetListsForZone(1);
+        allocate(1);
+        relay.resetListsForZone(1);
+        ZoneInfo memory z = relay.getZoneInfo(1);
+        check(!z.allocating && !z.waiting && z.selectedVehicles == 0 && z.selectedUAVs == 0 && z.period == 2, "reset");
         submit(vehicle(0), uav(1), 1_000, z.round);
     }
 
@@ -394,15 +400,15 @@ contract SkyRelayTest is Fixture {
             if (zone == 2) relay.updateUAVZone(uav(zone), 0);
             if (zone == 3) relay.resetUAVSubmission(uav(zone));
             check(status(vehicle(zone)) == ProposalStatus.None, "free");
-            equal(more.getZoneInfo(zone).selectedVehicles, 0, "vehicles");
-            equal(more.getZoneInfo(zone).selectedUAVs, 0, "UAVs");
-            equal(more.getSelectedUAVs(zone).length, 0, "selected UAVs");
+            equal(relay.getZoneInfo(zone).selectedVehicles, 0, "vehicles");
+            equal(relay.getZoneInfo(zone).selectedUAVs, 0, "UAVs");
+            equal(relay.getSelectedUAVs(zone, 0, type(uint256).max).length, 0, "selected UAVs");
             addUAV(10 + zone, 3_000, zone);
             submit(vehicle(zone), uav(10 + zone), 1_000, 2);
         }
     }
 
-    function test_aUAVThatComesBackInThePeriodHoldsNothing() public {
+    function test_aUAVThatComesBackInThePeriodHoldsNothingAndTakesNothing() public {
         matched(1);
         vm.prank(uav(0));
         relay.updateUAVZone(uav(0), 2);
@@ -410,7 +416,11 @@ contract SkyRelayTest is Fixture {
         relay.updateUAVZone(uav(0), 1);
         check(status(vehicle(0)) == ProposalStatus.None, "nothing held");
         equal(relay.getUAVInfo(uav(0)).available, 3_000, "whole bandwidth");
-        submit(vehicle(0), uav(0), 1_000, 2);
+        vm.prank(vehicle(0));
+        vm.expectRevert(abi.encodeWithSelector(UAVClosed.selector, uav(0)));
+        relay.submitVehSelection(uav(0), 1_000, 2);
+        relay.resetListsForZone(1);
+        submit(vehicle(0), uav(0), 1_000, round(1));
     }
 
     function test_aVehicleThatChangesZoneGivesItsPlaceBack() public {
@@ -419,7 +429,7 @@ contract SkyRelayTest is Fixture {
         vm.prank(vehicle(0));
         relay.updateVehicleInfo(0, 0, 10, 2);
         equal(relay.getUAVInfo(uav(0)).available, 3_000, "bandwidth back");
-        equal(more.getZoneInfo(1).selectedVehicles, 0, "zone");
+        equal(relay.getZoneInfo(1).selectedVehicles, 0, "zone");
         check(status(vehicle(0)) == ProposalStatus.None, "free");
         submit(vehicle(0), uav(1), 1_000, 1);
         addVehicle(1, 10, 1);
@@ -437,8 +447,8 @@ contract SkyRelayTest is Fixture {
         vm.prank(vehicle(0));
         relay.updateVehicleInfo(0, 0, 10, 0);
         allocate(1);
-        equal(more.getZoneInfo(1).selectedVehicles, 1, "one");
-        check(more.getProposals(uav(0))[0].status == ProposalStatus.None, "withdrawn");
+        equal(relay.getZoneInfo(1).selectedVehicles, 1, "one");
+        equal(relay.getProposals(uav(0)).length, 1, "its place is the other's");
     }
 
     function test_zonesInThePeriodOfTheSameNumberAreNotConfused() public {
@@ -453,14 +463,21 @@ contract SkyRelayTest is Fixture {
         submit(vehicle(0), uav(1), 1_000, round(2));
     }
 
-    function test_bandwidthMayNotFallBelowWhatIsPromised() public {
-        matched(1);
+    function test_bandwidthMayNotFallOnceAVehicleHasProposed() public {
+        addUAV(0, 3_000, 1);
+        addVehicle(0, 10, 1);
         vm.prank(uav(0));
-        vm.expectRevert(abi.encodeWithSelector(BandwidthCommitted.selector, uint32(999), uint32(1_000)));
-        relay.updateUAVInfo(0, 0, 0, 1, 999);
+        relay.updateUAVInfo(0, 0, 0, 1, 2_000);
+        submit(vehicle(0), uav(0), 1_000, 1);
+        for (uint256 decided = 0; decided < 2; ++decided) {
+            vm.prank(uav(0));
+            vm.expectRevert(abi.encodeWithSelector(BandwidthCommitted.selector, uint32(1_999), uint32(2_000)));
+            relay.updateUAVInfo(0, 0, 0, 1, 1_999);
+            if (decided == 0) allocate(1);
+        }
         vm.prank(uav(0));
-        relay.updateUAVInfo(0, 0, 0, 1, 1_000);
-        equal(relay.getUAVInfo(uav(0)).available, 0, "all promised");
+        relay.updateUAVInfo(0, 0, 0, 1, 2_001);
+        equal(relay.getUAVInfo(uav(0)).available, 1_001, "more may be offered");
         relay.resetListsForZone(1);
         vm.prank(uav(0));
         relay.updateUAVInfo(0, 0, 0, 1, 5);
@@ -477,85 +494,103 @@ contract SkyRelayTest is Fixture {
 
     function test_modelsAreNamedByContentAndReadBack() public {
         ModelCard memory c = card(2, 5, -3_100);
-        bytes32 id = more.registerModel(CID, c);
-        check(id == keccak256(abi.encode(CID, c)), "id");
-        (bytes memory cid, ModelCard memory found, address owner, bool retired) = more.getModel(id);
+        bytes32 id = relay.registerModel(CID, c);
+        check(id == keccak256(abi.encode(address(this), CID, c)), "id");
+        (bytes memory cid, ModelCard memory found, address owner, bool retired) = relay.getModel(id);
         check(keccak256(cid) == keccak256(CID), "cid");
         check(keccak256(abi.encode(found)) == keccak256(abi.encode(c)) && owner == address(this) && !retired, "card");
         vm.expectRevert(abi.encodeWithSelector(ModelAlreadyRegistered.selector, id));
-        more.registerModel(CID, c);
+        relay.registerModel(CID, c);
+        // Another's copy has another id: it retires its own.
+        address rival = address(0x77);
+        relay.grantRole(relay.PUBLISHER_ROLE(), rival);
+        vm.prank(rival);
+        bytes32 copied = relay.registerModel(CID, c);
+        check(copied != id, "a rival's copy");
+        vm.prank(rival);
+        relay.retireModel(copied);
+        (,,, retired) = relay.getModel(id);
+        check(!retired, "the owner's is in use");
+    }
+
+    function test_noScoreIsAboveWhatAReturnCanBe() public {
+        relay.registerModel(CID, card(1, 5, 0));
+        vm.expectRevert(InvalidCard.selector);
+        relay.registerModel(CID, card(1, 5, 1));
+        vm.expectRevert(InvalidCard.selector);
+        relay.registerModel(CID, card(1, 5, type(int32).max));
     }
 
     function test_modelsThatDoNotFitAreRefused() public {
         ModelCard memory c = card(2, 5, 0);
         c.observationSide = 19;
         vm.expectRevert(abi.encodeWithSelector(ModelDoesNotFit.selector, uint16(19), uint8(6), uint8(9)));
-        more.registerModel(CID, c);
+        relay.registerModel(CID, c);
         c = card(2, 5, 0);
         c.channels = 4;
         vm.expectRevert(abi.encodeWithSelector(ModelDoesNotFit.selector, uint16(11), uint8(4), uint8(9)));
-        more.registerModel(CID, c);
+        relay.registerModel(CID, c);
         c = card(2, 5, 0);
         c.actions = 5;
         vm.expectRevert(abi.encodeWithSelector(ModelDoesNotFit.selector, uint16(11), uint8(6), uint8(5)));
-        more.registerModel(CID, c);
+        relay.registerModel(CID, c);
         vm.expectRevert(InvalidCard.selector);
-        more.registerModel(CID, card(0, 5, 0));
+        relay.registerModel(CID, card(0, 5, 0));
         vm.expectRevert(InvalidCard.selector);
-        more.registerModel(CID, card(5, 2, 0));
+        relay.registerModel(CID, card(5, 2, 0));
         c = card(2, 5, 0);
         c.minVehicles = 21;
         vm.expectRevert(InvalidCard.selector);
-        more.registerModel(CID, c);
+        relay.registerModel(CID, c);
         for (uint256 i = 0; i < 4; ++i) {
             bytes memory cid = CID;
             if (i == 1) continue; // the codec is free
             cid[i] = 0x77;
             vm.expectRevert(abi.encodeWithSelector(InvalidCID.selector, cid));
-            more.registerModel(cid, card(2, 5, 0));
+            relay.registerModel(cid, card(2, 5, 0));
         }
         bytes memory short = hex"015512";
         vm.expectRevert(abi.encodeWithSelector(InvalidCID.selector, short));
-        more.registerModel(short, card(2, 5, 0));
+        relay.registerModel(short, card(2, 5, 0));
     }
 
     function test_theBestFittingModelIsAssigned() public {
         matched(1); // one UAV, one vehicle
         vm.expectRevert(NoModels.selector);
         relay.determineMDRLModel(1);
-        bytes32 wide = more.registerModel(cidOf(1), card(1, 5, -4_000));
-        bytes32 better = more.registerModel(cidOf(2), card(1, 3, -3_000));
-        bytes32 equalOne = more.registerModel(cidOf(3), card(1, 2, -3_000));
-        bytes32 outside = more.registerModel(cidOf(4), card(2, 5, 0));
+        bytes32 wide = relay.registerModel(cidOf(1), card(1, 5, -4_000));
+        bytes32 better = relay.registerModel(cidOf(2), card(1, 3, -3_000));
+        bytes32 equalOne = relay.registerModel(cidOf(3), card(1, 2, -3_000));
+        bytes32 outside = relay.registerModel(cidOf(4), card(2, 5, 0));
         check(relay.determineMDRLModel(1) == better, "highest score, then the first");
-        check(more.getZoneInfo(1).modelId == better, "stored");
-        more.retireModel(better);
+        check(relay.getZoneInfo(1).modelId == better, "stored");
+        relay.retireModel(better);
         check(relay.determineMDRLModel(1) == equalOne, "retired is out of use");
-        more.retireModel(equalOne);
+        relay.retireModel(equalOne);
         check(relay.determineMDRLModel(1) == wide, "inside goes before score");
-        more.retireModel(wide);
+        relay.retireModel(wide);
         check(relay.determineMDRLModel(1) == outside, "nearest outside");
         vm.expectRevert(abi.encodeWithSelector(UnknownModel.selector, wide));
-        more.retireModel(wide);
+        relay.retireModel(wide);
         vm.prank(vehicle(0));
         vm.expectRevert();
-        more.retireModel(outside);
+        relay.retireModel(outside);
         relay.resetListsForZone(1);
-        check(more.getZoneInfo(1).modelId == 0, "reset");
+        check(relay.getZoneInfo(1).modelId == 0, "reset");
         vm.expectRevert(abi.encodeWithSelector(NothingSelected.selector, uint32(1)));
         relay.determineMDRLModel(1);
     }
 
     function test_theRegistryIsBounded() public {
         for (uint256 i = 0; i < 64; ++i) {
-            more.registerModel(cidOf(uint8(i)), card(1, 5, 0));
+            relay.registerModel(cidOf(uint8(i)), card(1, 5, 0));
         }
         vm.expectRevert(abi.encodeWithSelector(TooManyModels.selector, 64));
-        more.registerModel(cidOf(64), card(1, 5, 0));
-        equal(more.modelCount(), 64, "count");
-        more.retireModel(more.modelAt(10));
-        bytes32 registered = more.registerModel(cidOf(64), card(1, 5, 0));
-        check(more.modelAt(63) == registered, "appended");
+        relay.registerModel(cidOf(64), card(1, 5, 0));
+        equal(relay.modelCount(), 64, "count");
+        relay.retireModel(relay.modelAt(10));
+        bytes32 registered = relay.registerModel(cidOf(64), card(1, 5, 0));
+        check(relay.modelAt(63) == registered, "appended");
     }
 
     // Reputation
@@ -567,34 +602,34 @@ contract SkyRelayTest is Fixture {
         (members[0], members[1]) = (uav(0), vehicle(0));
         uint16[] memory values = new uint16[](2);
         (values[0], values[1]) = (10_000, 1);
-        more.setReputations(members, values);
+        relay.setReputations(members, values);
         equal(relay.getUAVInfo(uav(0)).reputation, 10_000, "uav");
-        equal(more.getVehicleInfo(vehicle(0)).reputation, 1, "vehicle");
+        equal(relay.getVehicleInfo(vehicle(0)).reputation, 1, "vehicle");
         values[1] = 10_001;
         vm.expectRevert(abi.encodeWithSelector(OutOfRange.selector, 10_001, 10_000));
-        more.setReputations(members, values);
+        relay.setReputations(members, values);
         vm.expectRevert(abi.encodeWithSelector(LengthMismatch.selector, 2, 1));
-        more.setReputations(members, new uint16[](1));
+        relay.setReputations(members, new uint16[](1));
     }
 
     function test_eachSideRatesTheOtherOnceAfterTheRound() public {
         matched(1);
         vm.prank(vehicle(0));
         vm.expectRevert(abi.encodeWithSelector(NotMatched.selector, vehicle(0), uav(0)));
-        more.rateUAV(uav(0), true); // not finished
+        relay.rateUAV(uav(0), true); // not finished
         relay.resetListsForZone(1);
         vm.prank(vehicle(0));
-        more.rateUAV(uav(0), true);
+        relay.rateUAV(uav(0), true);
         vm.prank(uav(0));
-        more.rateVehicle(vehicle(0), 0, false);
+        relay.rateVehicle(vehicle(0), 0, false);
         equal(relay.getUAVInfo(uav(0)).reputation, 5_100, "uav");
-        equal(more.getVehicleInfo(vehicle(0)).reputation, 4_900, "vehicle");
+        equal(relay.getVehicleInfo(vehicle(0)).reputation, 4_900, "vehicle");
         vm.prank(vehicle(0));
         vm.expectRevert(abi.encodeWithSelector(NotMatched.selector, vehicle(0), uav(0)));
-        more.rateUAV(uav(0), true);
+        relay.rateUAV(uav(0), true);
         vm.prank(uav(0));
         vm.expectRevert(abi.encodeWithSelector(NotMatched.selector, vehicle(0), uav(0)));
-        more.rateVehicle(vehicle(0), 0, false);
+        relay.rateVehicle(vehicle(0), 0, false);
     }
 
     function test_ratingsStillOpenInTheNextPeriodAndNotForTheRejected() public {
@@ -609,29 +644,33 @@ contract SkyRelayTest is Fixture {
         submit(vehicle(2), uav(0), 1_000, round(1));
         allocate(1);
         vm.prank(vehicle(0));
-        more.rateUAV(uav(0), false);
+        relay.rateUAV(uav(0), false);
         equal(relay.getUAVInfo(uav(0)).reputation, 4_900, "rated a period later");
         vm.prank(vehicle(1));
         vm.expectRevert(abi.encodeWithSelector(NotMatched.selector, vehicle(1), uav(0)));
-        more.rateUAV(uav(0), false);
+        relay.rateUAV(uav(0), false);
         vm.prank(uav(0));
         vm.expectRevert(abi.encodeWithSelector(NotMatched.selector, vehicle(2), uav(0)));
-        more.rateVehicle(vehicle(2), 0, false);
+        relay.rateVehicle(vehicle(2), 0, false);
     }
 
     function test_selectionBitsOfAnOlderSessionAreNotRead() public {
-        // Session 1 selects proposal 0; session 3 shares its lists, but is never allocated.
+        // Session 1 selects proposal 0, session 2 nobody; session 3 uses the list of session 2, and later that of 1.
         matched(1);
         relay.resetListsForZone(1);
         addVehicle(1, 10, 1);
-        submit(vehicle(1), uav(0), 1_000, round(1));
-        relay.resetListsForZone(1);
-        submit(vehicle(1), uav(0), 1_000, round(1));
-        check(status(vehicle(1)) == ProposalStatus.Pending, "pending");
-        relay.resetListsForZone(1);
-        vm.prank(vehicle(1));
-        vm.expectRevert(abi.encodeWithSelector(NotMatched.selector, vehicle(1), uav(0)));
-        more.rateUAV(uav(0), true);
+        for (uint256 i = 0; i < 3; ++i) {
+            submit(vehicle(1), uav(0), 4_000, round(1));
+            check(status(vehicle(1)) == ProposalStatus.Pending, "pending");
+            allocate(1);
+            check(status(vehicle(1)) == ProposalStatus.Rejected, "does not fit");
+            relay.resetListsForZone(1);
+            vm.prank(vehicle(1));
+            vm.expectRevert(abi.encodeWithSelector(NotMatched.selector, vehicle(1), uav(0)));
+            relay.rateUAV(uav(0), true);
+        }
+        vm.prank(vehicle(0));
+        relay.rateUAV(uav(0), true); // whom it served last can still rate it
     }
 
     function test_ratingsStayWithinTheirBounds() public {
@@ -640,14 +679,14 @@ contract SkyRelayTest is Fixture {
         (members[0], members[1]) = (uav(0), vehicle(0));
         uint16[] memory values = new uint16[](2);
         (values[0], values[1]) = (9_950, 50);
-        more.setReputations(members, values);
+        relay.setReputations(members, values);
         relay.resetListsForZone(1);
         vm.prank(vehicle(0));
-        more.rateUAV(uav(0), true);
+        relay.rateUAV(uav(0), true);
         vm.prank(uav(0));
-        more.rateVehicle(vehicle(0), 0, false);
+        relay.rateVehicle(vehicle(0), 0, false);
         equal(relay.getUAVInfo(uav(0)).reputation, 10_000, "uav");
-        equal(more.getVehicleInfo(vehicle(0)).reputation, 0, "vehicle");
+        equal(relay.getVehicleInfo(vehicle(0)).reputation, 0, "vehicle");
     }
 }
 
@@ -669,9 +708,9 @@ contract RatingsOffTest is Fixture {
         relay.resetListsForZone(1);
         vm.prank(vehicle(0));
         vm.expectRevert(RatingsOff.selector);
-        more.rateUAV(uav(0), true);
+        relay.rateUAV(uav(0), true);
         vm.prank(uav(0));
         vm.expectRevert(RatingsOff.selector);
-        more.rateVehicle(vehicle(0), 0, true);
+        relay.rateVehicle(vehicle(0), 0, true);
     }
 }

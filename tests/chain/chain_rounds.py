@@ -12,9 +12,11 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from skyrelay.chain.accounts import Keyring
 from skyrelay.chain.chain import Call, Chain
 from skyrelay.chain.client import IovClient, ModelCard, Role, Settings, UavRecord, VehicleRecord
 from skyrelay.chain.embedded.chain import EmbeddedChain
+from skyrelay.chain.typed_data import Proposal, sign_proposal
 
 ZONES = (1, 2)
 
@@ -30,8 +32,12 @@ def card(uavs: tuple[int, int], score: float) -> ModelCard:
 class World:
     """Members with random records, and the parties."""
 
-    def __init__(self, chain: Chain, seed: int = 1, uavs: int = 6, vehicles: int = 30) -> None:
+    def __init__(
+        self, chain: Chain, seed: int = 1, uavs: int = 6, vehicles: int = 30, keyring: Keyring | None = None
+    ) -> None:
         self.chain = chain
+        self.keyring = keyring or Keyring(b"k" * 32)
+        """Of the vehicles that sign: the chain's own where it signs transactions."""
         self.random = random.Random(seed)  # noqa: S311
         self.time = 100
         self.admin, self.coordinator, self.publisher, self.authority = (
@@ -61,6 +67,7 @@ class World:
             Role.COORDINATOR: self.coordinator,
             Role.PUBLISHER: self.publisher,
             Role.REPUTATION: self.authority,
+            Role.REGISTRAR: self.authority,
         }
         self.do(*[client.grant_role(self.admin, role, account) for role, account in parties.items()])
         self.do(
@@ -89,20 +96,46 @@ class World:
                 calls.append(client.submit_veh_selection(vehicle, r.choice(candidates), demand, rounds[zone]))
         self.do(*calls)
 
+    def propose_signed(self, zone: int = 1) -> None:
+        """Vehicles with keys of their own come, sign, and have others hand in what they signed."""
+        client, r = self.client, self.random
+        uavs, info = client.zone_uavs(zone), client.zone_info(zone)
+        names = [f"signer {self.time} {i}" for i in range(4)]
+        vehicles = [self.keyring.account(name) for name in names]
+        for name in names:
+            self.chain.account(name)  # a node's chain signs for whom it has been asked about
+        for vehicle in vehicles:
+            self.zone_of[vehicle] = zone
+        self.do(*[client.register_vehicle(v, self.vehicle_record(0)) for v in vehicles])
+        signed = [
+            sign_proposal(
+                self.keyring,
+                vehicle,
+                Proposal(r.choice(uavs), zone, info.round, -10 * i, 70, 600 + i, 2_000, told.timestamp),
+                client.address,
+                self.chain.chain_id,
+            )
+            for i, (vehicle, told) in enumerate(zip(vehicles, client.vehicle_infos(vehicles), strict=True))
+        ]
+        self.do(client.submit_signed(self.publisher, [*signed, signed[0]]))
+
     def allocate(self, piece: int) -> None:
-        """Every zone, in pieces."""
+        """Every zone, in pieces; after the first piece anyone goes on."""
         for zone in ZONES:
-            done = self.client.zone_info(zone) is None
+            done, sender = self.client.zone_info(zone) is None, self.coordinator
             while not done:
                 self.time += 1
-                receipts = self.client.execute([self.client.allocate_zone(self.coordinator, zone, piece)], self.time)
+                receipts = self.client.execute([self.client.allocate_zone(sender, zone, piece)], self.time)
+                sender = self.publisher
                 done = any(event.name == "ZoneAllocated" for event in self.client.events_of(receipts))
 
-    def play(self, periods: int = 2) -> None:
+    def play(self, periods: int = 2, signs: bool = True) -> None:
         """Periods of two rounds, with members that move, leave and are rated."""
         client, r = self.client, self.random
         for period in range(periods):
             self.propose(0.8)
+            if signs:
+                self.propose_signed()
             self.allocate(7)
             for vehicle in r.sample(self.vehicles, 3):  # some leave their zone, and with it their proposal
                 self.zone_of[vehicle] = 3 - self.zone_of[vehicle]
@@ -113,7 +146,7 @@ class World:
                 self.do(client.determine_mdrl_model(self.coordinator, zone))
             if period == 0:
                 self.do(client.retire_model(self.publisher, client.models()[1].model_id))
-                self.do(client.reset_uav_submission(self.coordinator, self.uavs[0]))
+                self.do(client.reset_uav_submission(self.uavs[0], self.uavs[0]))
                 self.do(client.update_uav_zone(self.uavs[1], 3 - self.zone_of[self.uavs[1]]))
                 self.zone_of[self.uavs[1]] = 3 - self.zone_of[self.uavs[1]]
             matched = client.selections(self.uavs)
@@ -124,7 +157,10 @@ class World:
                     self.do_or_not(client.rate_uav(vehicle, uav, r.random() < 0.5), *rate)
             self.do(*[client.update_uav_info(u, self.uav_record(0)) for u in self.uavs])
             self.do(*[client.update_vehicle_info(v, self.vehicle_record(self.zone_of[v])) for v in self.vehicles])
+        self.do(client.suspend_member(self.authority, self.uavs[2]), client.suspend_zone(self.authority, 1))
+        self.do(client.set_zone_coordinator(self.admin, 2, self.publisher))
         self.do(client.revoke_role(self.admin, Role.PUBLISHER, self.publisher))
+        self.do(client.begin_admin_transfer(self.admin, self.authority))
 
     def do_or_not(self, *calls: Call) -> None:
         """What the contract may refuse: the refusal is recorded like the rest."""

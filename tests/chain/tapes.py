@@ -79,9 +79,11 @@ def record(consensus: str) -> None:
         Devnet.create(Path(folder) / "net", consensus="clique" if consensus == "clique" else "qbft") as network,
     ):
         confirmations = 3 if consensus == "clique" else 0
-        world = World(NodeChain(network.endpoints[0], Keyring.ephemeral()), uavs=4, vehicles=12)
+        keyring = Keyring.ephemeral()
+        world = World(NodeChain(network.endpoints[0], keyring), uavs=4, vehicles=12, keyring=keyring)
         world.found()
         world.propose(1.0)
+        world.propose_signed()
         world.allocate(100)
         network.wait_for_blocks(confirmations)
         recorder = RecordingChain(network.endpoints[3], Keyring.ephemeral(), confirmations=confirmations)

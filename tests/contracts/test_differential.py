@@ -38,9 +38,9 @@ bandwidths = st.sampled_from([0, 500, 1_000, 2_500, 4_000]) | st.integers(0, 9_0
 
 @dataclass
 class Entry:
-    """One proposal; a withdrawn one has no vehicle."""
+    """One proposal; one that was selected and given up has no demand."""
 
-    vehicle: int | None
+    vehicle: int
     demand: int
     score: int
     status: ProposalStatus = ProposalStatus.PENDING
@@ -54,6 +54,8 @@ class ReferenceUav:
     bandwidth: int
     zone: int
     entries: list[Entry] = field(default_factory=list)
+    closed: tuple[int, int] | None = None
+    """Zone and period in which its proposals were voided."""
 
     def committed(self) -> int:
         return sum(entry.demand for entry in self.entries if entry.status is ProposalStatus.SELECTED)
@@ -76,6 +78,8 @@ class Reference:
         self.uavs: list[ReferenceUav] = []
         self.vehicles: list[ReferenceVehicle] = []
         self.rounds = dict.fromkeys(range(1, ZONES + 1), 1)
+        self.periods = dict.fromkeys(range(1, ZONES + 1), 1)
+        self.waiting: set[int] = set()
 
     def submit(self, v: int, u: int, demand: int, round_: int) -> str | None:
         """The contract's error, or None."""
@@ -99,6 +103,9 @@ class Reference:
         distance = distance_fixed(vehicle.x - uav.x, vehicle.y - uav.y)
         if distance > PARAMETERS.max_distance * 10**15:
             return "TooFar"
+        if uav.closed == (uav.zone, self.periods[uav.zone]):
+            return "UAVClosed"
+        self.waiting.add(uav.zone)
         qov = qov_fixed(PARAMETERS, demand, vehicle.payment, vehicle.reputation, distance)
         entry = Entry(v, demand, score_fixed(qov, demand))
         uav.entries.append(entry)
@@ -114,33 +121,55 @@ class Reference:
             for index, entry in enumerate(live):
                 entry.status = ProposalStatus.SELECTED if index in accepted else ProposalStatus.REJECTED
         self.rounds[zone] += 1
+        self.waiting.discard(zone)
 
-    def reset(self, zone: int) -> None:
+    def reset(self, zone: int) -> str | None:
+        if zone in self.waiting:
+            return "ProposalsUndecided"
         for u, uav in enumerate(self.uavs):
             if uav.zone == zone:
                 self.void(u)
         self.rounds[zone] += 1
+        self.periods[zone] += 1
+        return None
 
     def void(self, u: int) -> None:
-        self.uavs[u].entries.clear()
+        uav = self.uavs[u]
+        if uav.entries:
+            uav.closed = (uav.zone, self.periods.get(uav.zone, 0))
+        uav.entries.clear()
         for vehicle in self.vehicles:
             if vehicle.proposal is not None and vehicle.proposal[0] == u:
                 vehicle.proposal = None
 
-    def move_vehicle(self, v: int, x: int, y: int, payment: int, zone: int) -> None:
+    def move_vehicle(self, v: int, x: int, y: int, payment: int, zone: int) -> str | None:
         vehicle = self.vehicles[v]
-        if zone != vehicle.zone and vehicle.proposal is not None:
-            entry = vehicle.proposal[1]
+        if vehicle.proposal is not None:
+            u, entry = vehicle.proposal
             if entry.status is not ProposalStatus.REJECTED:
-                entry.vehicle, entry.demand, entry.score, entry.status = None, 0, 0, ProposalStatus.NONE
-            vehicle.proposal = None
+                if zone == vehicle.zone:
+                    return "TermsFrozen"
+                self.give_up(self.uavs[u].entries, entry)
+                vehicle.proposal = None
         vehicle.x, vehicle.y, vehicle.payment, vehicle.zone = x, y, payment, zone
+        return None
+
+    @staticmethod
+    def give_up(entries: list[Entry], entry: Entry) -> None:
+        """An open proposal's place goes to the last one; a selection stays without its demand."""
+        if entry.status is ProposalStatus.SELECTED:
+            entry.demand, entry.status = 0, ProposalStatus.NONE
+            return
+        place = next(i for i, other in enumerate(entries) if other is entry)
+        last = entries.pop()
+        if last is not entry:
+            entries[place] = last
 
     def update_uav(self, u: int, x: int, y: int, battery: int, bandwidth: int) -> str | None:
         uav = self.uavs[u]
         if battery == 0:
             self.void(u)
-        elif bandwidth < uav.committed():
+        elif uav.entries and bandwidth < uav.bandwidth:
             return "BandwidthCommitted"
         uav.x, uav.y, uav.battery, uav.bandwidth = x, y, battery, bandwidth
         return None
@@ -239,14 +268,13 @@ class SideBySide(RuleBasedStateMachine):
 
     @rule(zone=zones)
     def reset(self, zone: int) -> None:
-        self._agree(self.client.reset_lists_for_zone(self.admin, zone), None)
-        self.reference.reset(zone)
+        self._agree(self.client.reset_lists_for_zone(self.admin, zone), self.reference.reset(zone))
 
     @rule(v=vehicle_numbers, x=coordinates, y=coordinates, payment=st.integers(0, 700), zone=st.integers(0, ZONES))
     def move_vehicle(self, v: int, x: int, y: int, payment: int, zone: int) -> None:
-        self.reference.move_vehicle(v, x, y, payment, zone)
-        record = self._vehicle_record(self.reference.vehicles[v])
-        self._agree(self.client.update_vehicle_info(self.vehicle_names[v], record), None)
+        record = VehicleRecord(x / 10, y / 10, payment, zone)
+        expected = self.reference.move_vehicle(v, x, y, payment, zone)
+        self._agree(self.client.update_vehicle_info(self.vehicle_names[v], record), expected)
 
     @rule(
         u=uav_numbers,
@@ -280,7 +308,7 @@ class SideBySide(RuleBasedStateMachine):
             (found,) = self.client._read("getProposals", [(self.uav_names[u],)])[0]
             expected = [
                 (
-                    "0x" + "0" * 40 if entry.vehicle is None else self.vehicle_names[entry.vehicle],
+                    self.vehicle_names[entry.vehicle],
                     entry.demand,
                     entry.score,
                     entry.status,

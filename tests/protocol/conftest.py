@@ -11,9 +11,9 @@ from skyrelay.policy import Policy
 from skyrelay.protocol.coordinator import ZoneCoordinator
 from skyrelay.protocol.host import Host
 from skyrelay.protocol.messages import Fix, Phase, Tick
+from skyrelay.protocol.model_card import chain_card
 from skyrelay.protocol.uav import UavAgent
 from skyrelay.protocol.vehicle import VehicleAgent
-from skyrelay.simulation.consortium import chain_card
 from skyrelay.store.local import LocalStore
 
 GRID = ZoneGrid(0.0, 0.0, 2000.0, 2, 1)

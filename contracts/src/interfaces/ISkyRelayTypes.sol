@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity 0.8.26;
 
+import {Place, Terms} from "../libraries/Records.sol";
+
 /// @title What SkyRelay stores, tells and refuses
 /// @dev Units: positions and distances 0.1 m; altitude 1 m; bandwidth and demand 1 kbit/s; payment 1 cent per Mbit/s;
 /// battery and reputation 0.01 (0 to 10,000); QoV 1e-15 (100 is 1e17); score 1e-17 of QoV per square root of kbit/s.
@@ -33,6 +35,16 @@ interface ISkyRelayTypes {
         uint8 channels;
         /// Actions that a model must have.
         uint8 actions;
+        /// True: members need a registrar's voucher to register; false: anyone may.
+        bool admission;
+        /// How long a UAV takes proposals after it last wrote its record [s]; 0: for ever.
+        uint32 staleAfter;
+        /// How long after a round's first proposal anyone may have the zone allocated [s].
+        uint32 allocationDeadline;
+        /// How long a period lasts at the least [s]; 0: as the coordinator likes, and it alone ends one.
+        uint32 minimumPeriod;
+        /// How long a change of the administrator takes at the least [s].
+        uint32 adminDelay;
     }
 
     /// @notice Table "Data Structures", UAVInfo.
@@ -71,7 +83,7 @@ interface ISkyRelayTypes {
         Rejected
     }
 
-    /// @notice Table "Data Structures", VehicleSelection. A withdrawn proposal has vehicle 0.
+    /// @notice Table "Data Structures", VehicleSelection. Status None: the vehicle was selected and gave it up.
     struct VehicleSelection {
         address vehicle;
         uint32 demand;
@@ -87,6 +99,16 @@ interface ISkyRelayTypes {
         uint32 round;
         /// True between the first and the last piece of an allocation: no proposal is taken.
         bool allocating;
+        /// True where a proposal of the round is not decided.
+        bool waiting;
+        /// True: no proposal is taken until the registrar lets the zone work again.
+        bool suspended;
+        /// The round's first proposal; where it has none, the end of the last round or period [s].
+        uint32 since;
+        /// When the period began [s].
+        uint32 begun;
+        /// Who alone coordinates the zone; 0: whoever has COORDINATOR_ROLE.
+        address coordinator;
         uint32 uavs;
         uint32 selectedUAVs;
         uint32 selectedVehicles;
@@ -106,6 +128,20 @@ interface ISkyRelayTypes {
         uint8 actions;
         /// Mean greedy return per episode [0.001].
         int32 score;
+    }
+
+    /// @notice A vehicle's signed proposal: x 0:32, y 32:32, payment 64:32, demand 96:32 and the time of the vehicle's
+    /// record that it replaces 128:32, signed (EIP-712) with UAV, zone and round; signature as of EIP-2098.
+    struct SignedProposal {
+        uint256 terms;
+        bytes32 r;
+        bytes32 vs;
+    }
+
+    /// @notice Signed proposals to one UAV.
+    struct SignedBatch {
+        address uav;
+        SignedProposal[] proposals;
     }
 
     /// @param extension what SkyRelay passes on to: its code is part of what must be checked.
@@ -138,19 +174,13 @@ interface ISkyRelayTypes {
 
     /// @notice The first UAV entered a zone: its first period begins.
     event ZoneOpened(uint32 indexed zone);
-    /// @notice A vehicle proposed; `index` is its place in the UAV's list of this `session`.
+    /// @notice A vehicle proposed. `terms`: what the QoV was computed from, which is the vehicle's record from here on;
+    /// `place`: QoV, score, and where in the UAV's list of a session it stands.
     event VehSelectionSubmitted(
-        address indexed vehicle,
-        address indexed uav,
-        uint32 indexed zone,
-        uint32 round,
-        uint32 session,
-        uint16 index,
-        uint32 demand,
-        uint64 qov,
-        uint64 score
+        address indexed vehicle, address indexed uav, uint32 indexed zone, Terms terms, Place place
     );
-    /// @notice A vehicle changed zone: its open proposal or its selection is void.
+    /// @notice A vehicle left its zone or was suspended. An open proposal's place goes to the last one of the list; a
+    /// selection stays where it is, without demand, so that the UAV can rate who gave it up.
     event VehSelectionWithdrawn(address indexed vehicle, address indexed uav, uint32 session, uint16 index);
     /// @notice A UAV's proposals with an index below `decided` are decided: `selected`, in the order taken, use
     /// `committed` of its bandwidth; all others are rejected.
@@ -163,6 +193,8 @@ interface ISkyRelayTypes {
         uint32 committed,
         address[] selected
     );
+    /// @notice A piece of an allocation has decided the UAVs of the zone's list before `cursor`; another has to follow.
+    event ZonePieceAllocated(uint32 indexed zone, uint32 round, uint16 cursor);
     /// @notice Every proposal of a zone's `round` is decided.
     event ZoneAllocated(
         uint32 indexed zone, uint32 period, uint32 round, uint32 selectedUAVs, uint32 selectedVehicles
@@ -178,6 +210,15 @@ interface ISkyRelayTypes {
     event ModelAssigned(
         uint32 indexed zone, bytes32 indexed modelId, uint32 round, uint32 selectedUAVs, uint32 selectedVehicles
     );
+
+    /// @notice A registrar's voucher lets an address register as this kind of member: 1 UAV, 2 vehicle.
+    event MemberAdmitted(address indexed member, uint8 kind, address indexed registrar);
+    /// @notice A member is kept from taking part, or may again.
+    event MemberSuspended(address indexed member, bool suspended);
+    /// @notice A zone takes no proposals, or does again.
+    event ZoneSuspended(uint32 indexed zone, bool suspended);
+    /// @notice A zone has a coordinator of its own; 0: none but the holders of COORDINATOR_ROLE.
+    event ZoneCoordinatorSet(uint32 indexed zone, address coordinator);
 
     /// @notice The authority set a reputation.
     event ReputationSet(address indexed member, uint16 reputation);
@@ -198,7 +239,7 @@ interface ISkyRelayTypes {
     error UnknownZone(uint32 zone);
     /// @notice No model has this id, or it is retired already.
     error UnknownModel(bytes32 modelId);
-    /// @notice A member writes its own record only.
+    /// @notice A member writes its own record only; a UAV that is stale or suspended may be reset by anyone.
     error NotOwnRecord(address record, address caller);
     /// @notice A value above its maximum, or a demand of 0.
     error OutOfRange(uint256 value, uint256 maximum);
@@ -210,6 +251,16 @@ interface ISkyRelayTypes {
     error TooFar(uint256 distance, uint256 maximum);
     /// @notice The UAV's battery is empty.
     error UAVEmpty(address uav);
+    /// @notice The UAV has not written its record for too long.
+    error UAVStale(address uav, uint256 timestamp);
+    /// @notice The UAV's proposals were voided in this period: it takes none until the next.
+    error UAVClosed(address uav);
+    /// @notice The member is suspended.
+    error Suspended(address member);
+    /// @notice The zone is suspended.
+    error SuspendedZone(uint32 zone);
+    /// @notice What a vehicle has proposed stays until the proposal is decided against or its period is over.
+    error TermsFrozen(address vehicle);
     /// @notice The proposal is for another round of the zone than the current one.
     error WrongRound(uint32 given, uint32 current);
     /// @notice Between the first and the last piece of an allocation.
@@ -222,8 +273,22 @@ interface ISkyRelayTypes {
     error AlreadyRejected(address vehicle, address uav);
     /// @notice The UAV has taken as many proposals as a period allows.
     error ProposalListFull(address uav);
-    /// @notice A UAV may not declare less than it has promised in the period.
-    error BandwidthCommitted(uint32 bandwidth, uint32 committed);
+    /// @notice A UAV that vehicles have proposed to in the period may not declare less than it did.
+    error BandwidthCommitted(uint32 bandwidth, uint32 declared);
+    /// @notice A period ends when every proposal of its zone is decided.
+    error ProposalsUndecided(uint32 zone);
+    /// @notice The period lasts until then [s] at the least.
+    error PeriodNotDue(uint32 zone, uint256 due);
+    /// @notice The zone has a coordinator of its own.
+    error NotCoordinator(uint32 zone, address caller);
+    /// @notice The registrar has not admitted the address as this kind of member.
+    error NotAdmitted(address member);
+    /// @notice The contract was deployed without admission.
+    error AdmissionOpen();
+    /// @notice The voucher is another's, no registrar's, too old or for no kind of member.
+    error InvalidVoucher();
+    /// @notice The administrator's delay is fixed at deployment.
+    error AdminDelayFixed();
     /// @notice A piece of an allocation has room for one proposal at least.
     error NoWork();
     /// @notice No UAV of the zone serves anyone: there is no team to assign a model to.
@@ -234,11 +299,11 @@ interface ISkyRelayTypes {
     error TooManyModels(uint256 maximum);
     /// @notice Not a binary CIDv1 with a sha2-256 multihash.
     error InvalidCID(bytes cid);
-    /// @notice Ranges the wrong way round, no UAV, or an even side.
+    /// @notice Ranges the wrong way round, no UAV, an even side, or a score above 0, which no return is.
     error InvalidCard();
     /// @notice A side, channels or actions that the contract was not deployed for.
     error ModelDoesNotFit(uint16 observationSide, uint8 channels, uint8 actions);
-    /// @notice The same CID and card were registered before.
+    /// @notice The same owner registered the same CID and card before.
     error ModelAlreadyRegistered(bytes32 modelId);
     /// @notice A value for each member.
     error LengthMismatch(uint256 members, uint256 values);

@@ -43,6 +43,27 @@ class ContractError(ChainError):
         super().__init__(f"contract: {function}", f"{error}({shown})", "a call that the contract accepts")
 
 
+_PACKED: dict[str, tuple[tuple[str, int, bool], ...]] = {
+    "Terms": (
+        ("x", 32, True),
+        ("y", 32, True),
+        ("payment", 32, False),
+        ("demand", 32, False),
+        ("uavX", 32, True),
+        ("uavY", 32, True),
+        ("reputation", 16, False),
+    ),
+    "Place": (
+        ("qov", 64, False),
+        ("score", 64, False),
+        ("session", 32, False),
+        ("index", 16, False),
+        ("round", 32, False),
+    ),
+}
+"""The contract's packed words in events, by type: name, bits and sign of each field, from the first bit on."""
+
+
 @dataclass(frozen=True, slots=True)
 class Event:
     """A decoded log of the contract; addresses as text, bytes32 as ``0x`` text."""
@@ -117,6 +138,7 @@ class _EventType:
         inputs = entry["inputs"]
         self.topic = keccak(f"{self.name}({','.join(_type(p) for p in inputs)})".encode())
         self._names = [p["name"] for p in inputs]
+        self._packed = {p["name"]: _PACKED[p["internalType"]] for p in inputs if p["internalType"] in _PACKED}
         self._indexed = [p for p in inputs if p["indexed"]]
         self._data = _Codec([p for p in inputs if not p["indexed"]])
 
@@ -126,7 +148,13 @@ class _EventType:
             values[parameter["name"]] = _plain(parameter, decode([parameter["type"]], topic)[0])
         for parameter, value in zip(self._data.parameters, self._data.decode(entry.data), strict=True):
             values[parameter["name"]] = value
-        return {name: values[name] for name in self._names}
+        ordered: dict[str, Any] = {}
+        for name in self._names:
+            if name in self._packed:
+                ordered |= _unpacked(self._packed[name], values[name])
+            else:
+                ordered[name] = values[name]
+        return ordered
 
 
 class Contract:
@@ -232,6 +260,15 @@ def _type(parameter: Mapping[str, Any]) -> str:
     if not kind.startswith("tuple"):
         return kind
     return f"({','.join(_type(p) for p in parameter['components'])}){kind[5:]}"
+
+
+def _unpacked(fields: Sequence[tuple[str, int, bool]], word: int) -> dict[str, int]:
+    values = {}
+    for name, bits, signed in fields:
+        value = word & ((1 << bits) - 1)
+        values[name] = value - (1 << bits) if signed and value >> (bits - 1) else value
+        word >>= bits
+    return values
 
 
 def _plain(parameter: Mapping[str, Any], value: Any) -> Any:

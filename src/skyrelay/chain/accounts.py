@@ -18,6 +18,7 @@ from skyrelay.core.recursion import recursion_limit_kept
 
 with recursion_limit_kept():  # py_ecc, which comes along, raises it to 100,000
     from eth_account import Account
+    from eth_account.messages import SignableMessage
     from eth_account.signers.local import LocalAccount
 
 PASSWORD = "SKYRELAY_KEYSTORE_PASSWORD"  # noqa: S105  (the variable's name)
@@ -117,6 +118,17 @@ class Keyring:
         if account is None:
             raise ChainError("member", member, "an account of this host's keyring")
         return SigningKey(bytes(account.key)).sign(message)
+
+    def sign_message(self, sender: str, message: SignableMessage) -> bytes:
+        """r, s and v of a member's signature of a message (EIP-191, EIP-712).
+
+        Raises:
+            ChainError: ``sender`` is no account of this ring.
+        """
+        account = self._by_address.get(sender)
+        if account is None:
+            raise ChainError("sender", sender, "an account of this host's keyring")
+        return bytes(account.sign_message(message).signature)
 
     def __repr__(self) -> str:
         return f"Keyring({len(self._by_name)} accounts)"

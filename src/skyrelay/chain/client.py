@@ -16,6 +16,7 @@ from typing import Any
 from skyrelay.chain.abi import ContractError, Event, Function, contract, extension
 from skyrelay.chain.chain import DEFAULT_GAS, Answer, Call, Chain, Receipt
 from skyrelay.chain.genuine import require_genuine
+from skyrelay.chain.typed_data import SignedProposal, Voucher
 from skyrelay.core.errors import ChainError
 from skyrelay.core.scenario import Selection
 
@@ -26,6 +27,10 @@ HUNDREDTHS = 100
 QOV_UNIT = 1e-15
 SCORE_UNIT = 1e-17
 DEPLOYMENT_GAS = 8_000_000
+SIGNED_GAS = 120_000
+"""Gas limit of a signed proposal in a batch: twice what the dearest takes."""
+PAGE = 1000
+"""UAVs that one question asks a zone's list for."""
 
 
 class Role(Enum):
@@ -35,6 +40,7 @@ class Role(Enum):
     COORDINATOR = "COORDINATOR_ROLE"
     PUBLISHER = "PUBLISHER_ROLE"
     REPUTATION = "REPUTATION_ROLE"
+    REGISTRAR = "REGISTRAR_ROLE"
 
 
 class ProposalStatus(IntEnum):
@@ -61,6 +67,11 @@ class Settings:
         rating_step: how far one rating moves a reputation [0-100], to 0.01; 0 switches ratings off.
         observation_side: n that a model must have; 0: any.
         channels, actions: that a model must have.
+        admission: members need a registrar's voucher to register (`sign_voucher`).
+        stale_after: how long a UAV takes proposals after its last report [s]; 0: for ever.
+        allocation_deadline: how long after a round's first proposal anyone may have the zone allocated [s].
+        minimum_period: how long a period lasts at the least [s]; 0: as the coordinator likes, and it alone ends one.
+        admin_delay: how long a change of the administrator takes at the least [s].
     """
 
     qou_weights: tuple[float, float, float, float] = (0.25, 0.25, 0.25, 0.25)
@@ -75,6 +86,11 @@ class Settings:
     observation_side: int = 0
     channels: int = 6
     actions: int = 9
+    admission: bool = False
+    stale_after: int = 3_600
+    allocation_deadline: int = 60
+    minimum_period: int = 0
+    admin_delay: int = 86_400
 
     @classmethod
     def of(cls, selection: Selection, **others: Any) -> Settings:
@@ -145,12 +161,26 @@ class VehicleInfo:
 
 @dataclass(frozen=True, slots=True)
 class ZoneInfo:
-    """A zone as the contract has it; `model_id` is None where none is assigned."""
+    """A zone as the contract has it.
+
+    Attributes:
+        waiting: a proposal of the round is not decided.
+        suspended: the zone takes no proposals.
+        since: time of the round's first proposal, before it of the last allocation or reset [s].
+        begun: when the period began [s].
+        coordinator: who alone acts on the zone; None: the holders of the role.
+        model_id: None where none is assigned.
+    """
 
     zone: int
     period: int
     round: int
     allocating: bool
+    waiting: bool
+    suspended: bool
+    since: int
+    begun: int
+    coordinator: str | None
     uavs: int
     selected_uavs: int
     selected_vehicles: int
@@ -217,11 +247,12 @@ class IovClient:
             ChainError: the chain is out of reach.
         """
         gas = min(DEPLOYMENT_GAS, chain.block_gas_limit)
-        first = chain.send([Call(sender, None, extension().creation(), gas, "constructor")], timestamp)[0]
+        parameters = _parameters(settings)
+        first = chain.send([Call(sender, None, extension().creation(parameters), gas, "constructor")], timestamp)[0]
         if not first.status or first.created is None:
             raise extension().error("constructor", first.output, first.halt)
         compiled = contract()
-        data = compiled.creation(_parameters(settings), first.created)
+        data = compiled.creation(parameters, first.created)
         receipt = chain.send([Call(sender, None, data, gas, "constructor")], timestamp)[0]
         if not receipt.status or receipt.created is None:
             raise compiled.error("constructor", receipt.output, receipt.halt)
@@ -301,6 +332,17 @@ class IovClient:
 
     # Selection
 
+    def submit_signed(self, sender: str, proposals: Sequence[SignedProposal]) -> Call:
+        """`submitSigned`: hand in what vehicles have signed, for the present round of each UAV's zone; anyone may.
+
+        What the contract would refuse of a vehicle it passes over: events VehSelectionSubmitted tell what was taken.
+        """
+        batches: dict[str, list[tuple[int, bytes, bytes]]] = {}
+        for signed in proposals:
+            batches.setdefault(signed.proposal.uav, []).append(signed.packed)
+        gas = DEFAULT_GAS + SIGNED_GAS * len(proposals)
+        return self._call(sender, "submitSigned", list(batches.items()), gas=gas)
+
     def submit_veh_selection(self, sender: str, uav: str, demand: float, round_: int) -> Call:
         """`submitVehSelection`: the sender asks ``uav`` for ``demand`` [kbit/s] in this round of its zone."""
         return self._call(sender, "submitVehSelection", uav, round(demand), round_)
@@ -314,7 +356,10 @@ class IovClient:
         return self._call(sender, "resetListsForZone", zone)
 
     def reset_uav_submission(self, sender: str, uav: str) -> Call:
-        """`resetUAVSubmission`: proposals to and selections by a UAV are void."""
+        """`resetUAVSubmission`: proposals to and selections by a UAV are void, and it takes none until the next period.
+
+        By the UAV itself, by anyone where it is stale or suspended.
+        """
         return self._call(sender, "resetUAVSubmission", uav)
 
     # Models
@@ -341,7 +386,23 @@ class IovClient:
         """`determineMDRLModel`; the choice is in the event ModelAssigned."""
         return self._call(sender, "determineMDRLModel", zone, gas=3 * DEFAULT_GAS)
 
-    # Roles and reputation
+    # Admission, roles and reputation
+
+    def admit(self, sender: str, voucher: Voucher) -> Call:
+        """`admit`: hand a registrar's voucher in; anyone may."""
+        return self._call(sender, "admit", voucher.member, voucher.kind, voucher.expires, voucher.signature)
+
+    def suspend_member(self, sender: str, member: str, suspended: bool = True) -> Call:
+        """`suspendMember`: its proposals and selections are void."""
+        return self._call(sender, "suspendMember", member, suspended)
+
+    def suspend_zone(self, sender: str, zone: int, suspended: bool = True) -> Call:
+        """`suspendZone`: the zone takes no proposals."""
+        return self._call(sender, "suspendZone", zone, suspended)
+
+    def set_zone_coordinator(self, sender: str, zone: int, coordinator: str | None) -> Call:
+        """`setZoneCoordinator`: who alone acts on the zone; None: the holders of the role again."""
+        return self._call(sender, "setZoneCoordinator", zone, coordinator or "0x" + "00" * 20)
 
     def grant_role(self, sender: str, role: Role, account: str) -> Call:
         """`grantRole`."""
@@ -350,6 +411,18 @@ class IovClient:
     def revoke_role(self, sender: str, role: Role, account: str) -> Call:
         """`revokeRole`."""
         return self._call(sender, "revokeRole", self._role(role), account)
+
+    def begin_admin_transfer(self, sender: str, successor: str) -> Call:
+        """`beginDefaultAdminTransfer`: the successor may accept when the delay is over."""
+        return self._call(sender, "beginDefaultAdminTransfer", successor)
+
+    def cancel_admin_transfer(self, sender: str) -> Call:
+        """`cancelDefaultAdminTransfer`, while the administrator is still the old one."""
+        return self._call(sender, "cancelDefaultAdminTransfer")
+
+    def accept_admin_transfer(self, sender: str) -> Call:
+        """`acceptDefaultAdminTransfer`: the sender, announced the delay before, is administrator from now on."""
+        return self._call(sender, "acceptDefaultAdminTransfer")
 
     def set_reputations(self, sender: str, reputations: Mapping[str, float]) -> Call:
         """`setReputations` of members [0-100]."""
@@ -368,14 +441,12 @@ class IovClient:
     # Views
 
     def zone_uavs(self, zone: int) -> list[str]:
-        """`getZoneUAV`: UAVs of a zone, in list order; none of a zone that no UAV ever entered."""
-        found: list[str] = self._one_or_none("getZoneUAV", zone) or []
-        return found
+        """`getZoneUAV`, page by page: UAVs of a zone, in list order; none of a zone that no UAV ever entered."""
+        return self._pages("getZoneUAV", zone)
 
     def selected_uavs(self, zone: int) -> list[str]:
         """`getSelectedUAVs`: those that serve at least one vehicle in the current period."""
-        found: list[str] = self._one_or_none("getSelectedUAVs", zone) or []
-        return found
+        return self._pages("getSelectedUAVs", zone)
 
     def zone_info(self, zone: int) -> ZoneInfo | None:
         """`getZoneInfo`; None of a zone that no UAV ever entered."""
@@ -387,6 +458,11 @@ class IovClient:
             info["period"],
             info["round"],
             info["allocating"],
+            info["waiting"],
+            info["suspended"],
+            info["since"],
+            info["begun"],
+            None if int(info["coordinator"], 16) == 0 else info["coordinator"],
             info["uavs"],
             info["selectedUAVs"],
             info["selectedVehicles"],
@@ -531,6 +607,14 @@ class IovClient:
             values.append(self._function(name).decode_output(answer.output))
         return values
 
+    def _pages(self, name: str, zone: int) -> list[str]:
+        """What a view says of a zone's list of UAVs, a page at a time."""
+        info = self.zone_info(zone)
+        found: list[str] = []
+        for first in range(0, info.uavs if info is not None else 0, PAGE):
+            found += self._read(name, [(zone, first, PAGE)])[0][0]
+        return found
+
     def _one_or_none(self, name: str, zone: int) -> Any:
         """The single value of a zone's view; None where the contract does not know the zone."""
         answer = self._ask(name, [(zone,)])[0]
@@ -588,6 +672,11 @@ def _parameters(settings: Settings) -> tuple[Any, ...]:
         settings.observation_side,
         settings.channels,
         settings.actions,
+        settings.admission,
+        settings.stale_after,
+        settings.allocation_deadline,
+        settings.minimum_period,
+        settings.admin_delay,
     )
 
 
@@ -609,6 +698,11 @@ def _settings(parameters: Mapping[str, Any]) -> Settings:
         observation_side=parameters["observationSide"],
         channels=parameters["channels"],
         actions=parameters["actions"],
+        admission=parameters["admission"],
+        stale_after=parameters["staleAfter"],
+        allocation_deadline=parameters["allocationDeadline"],
+        minimum_period=parameters["minimumPeriod"],
+        admin_delay=parameters["adminDelay"],
     )
 
 

@@ -41,7 +41,7 @@ def genuine_code(address: str, extension_address: str, creation: SentTransaction
     named = None if arguments is None else arguments.get("extension", extension_address)
     if arguments is None or str(named).lower() != extension_address.lower():
         raise ChainError("contract", address, "the code of this version's SkyRelay contract: another one was created")
-    helper = created_code(extension().bytecode, extension_address, creation.sender, chain_id, {})
+    helper = created_code(extension().creation(arguments["p"]), extension_address, creation.sender, chain_id, {})
     code = created_code(creation.data, address, creation.sender, chain_id, {extension_address: helper})
     return GenuineCode(code, helper)
 

@@ -9,7 +9,7 @@ from typing import ParamSpec, TypeVar
 
 from skyrelay.chain.abi import ContractError, Event
 from skyrelay.chain.chain import Call, Receipt
-from skyrelay.chain.client import IovClient
+from skyrelay.chain.client import IovClient, Model
 from skyrelay.policy import Policy
 from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.calls import to_call
@@ -82,7 +82,7 @@ class Host:
             for name in agent.HEARS:
                 self._hearers[name].append(agent)
         self._views: dict[int, ZoneView | None] = {}
-        self._cids: dict[str, Cid] = {}
+        self._models: dict[str, Model] = {}
         self._beacons: list[Beacon] = []
         self._moves: dict[str, int] = {}
 
@@ -150,11 +150,15 @@ class Host:
             self._views[zone] = self._timed(read_zone, self.client, zone)
         return self._views[zone]
 
+    def model(self, model_id: str) -> Model:
+        """A model as the contract has it at the latest block."""
+        if model_id not in self._models:
+            self._models[model_id] = self._timed(self.client.model, model_id)
+        return self._models[model_id]
+
     def cid_of(self, model: str) -> Cid:
         """Where a model's bytes are, by the contract."""
-        if model not in self._cids:
-            self._cids[model] = Cid.from_bytes(self._timed(self.client.model, model).cid, f"model {model}")
-        return self._cids[model]
+        return Cid.from_bytes(self.model(model).cid, f"model {model}")
 
     # Within
 
@@ -185,7 +189,7 @@ class Host:
             case ReadZone(zone):
                 answer: Sequence[Command] = agent.receive(ZoneRead(self.view(zone)))
             case ReadModel(model):
-                answer = agent.receive(ModelRead(model, self.cid_of(model)))
+                answer = agent.receive(ModelRead(self.model(model)))
             case FetchModel(cid):
                 answer = agent.receive(ModelFetched(cid, self.store.get(cid)))
             case SendBeacon(beacon):
@@ -232,6 +236,7 @@ class Host:
         events = self._timed(self.client.events, self._next_block, last)
         self._next_block = last + 1
         self._views.clear()
+        self._models.clear()
         return events
 
     def _mine(self, calls: Sequence[Call], timestamp: int | None) -> list[Receipt]:
@@ -240,6 +245,7 @@ class Host:
         self.transactions += len(receipts)
         self.gas_used += sum(receipt.gas_used for receipt in receipts)
         self._views.clear()
+        self._models.clear()
         return receipts
 
     def _route(self, events: Sequence[Event]) -> list[Wish]:

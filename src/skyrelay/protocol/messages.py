@@ -11,7 +11,7 @@ from enum import Enum
 from typing import TypeAlias
 
 from skyrelay.chain.abi import ContractError, Event
-from skyrelay.chain.client import UavRecord, VehicleRecord
+from skyrelay.chain.client import Model, UavRecord, VehicleRecord
 from skyrelay.policy import Policy
 from skyrelay.protocol.sight import Sight
 from skyrelay.protocol.zone_view import ZoneView
@@ -100,10 +100,9 @@ class ZoneRead:
 
 @dataclass(frozen=True, slots=True)
 class ModelRead:
-    """Answers `ReadModel`: the address of the model's bytes."""
+    """Answers `ReadModel`: the model as the contract has it."""
 
-    model: str
-    cid: Cid
+    model: Model
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from skyrelay.airspace.law import Law
 from skyrelay.chain.abi import Event
-from skyrelay.chain.client import UavRecord
+from skyrelay.chain.client import Model, UavRecord
 from skyrelay.policy import Policy
 from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.messages import (
@@ -31,6 +31,7 @@ from skyrelay.protocol.messages import (
     Tick,
     UpdateUav,
 )
+from skyrelay.protocol.model_card import address_of, require_same_card
 from skyrelay.protocol.sequence import UAV, Machine, UavMessage, UavState
 from skyrelay.protocol.sight import Sight
 from skyrelay.store.cid import Cid
@@ -69,6 +70,7 @@ class UavAgent(Agent):
         self._zone = 0
         self._fix = Fix(None)
         self._model: str | None = None  # that the contract has assigned to its zone in this period
+        self._read: Model | None = None  # it, as the contract had it when last asked
         self._loaded: Cid | None = None
         self._vehicles: Sequence[str] = ()
         self._team: set[str] = set()
@@ -88,7 +90,7 @@ class UavAgent(Agent):
         """Take a message; see `Agent.receive`.
 
         Raises:
-            ModelError: a policy's card does not fit a UAV.
+            ModelError: a policy's card does not fit a UAV, or is not what the contract says; or the model is retired.
         """
         match message:
             case Fix():
@@ -101,11 +103,12 @@ class UavAgent(Agent):
                 return (Move(action),)
             case Event():
                 return self._hear(message)
-            case ModelRead(model, cid) if model == self._model:
-                return self._equip(cid)
-            case ModelFetched(cid, content):
+            case ModelRead(model) if model.model_id == self._model:
+                self._read = model
+                return self._equip(model)
+            case ModelFetched(cid, content) if self._read is not None and cid == address_of(self._read):
                 self.policy, self._loaded = self._load(content), cid
-                return self._equip(cid)
+                return self._equip(self._read)
             case Mined() | Refused():
                 self._answered(message)
         return ()
@@ -184,10 +187,12 @@ class UavAgent(Agent):
 
     # The policy
 
-    def _equip(self, cid: Cid) -> Sequence[Command]:
-        """Fetch the policy that the contract names unless it is on board."""
+    def _equip(self, model: Model) -> Sequence[Command]:
+        """Fetch the policy that the contract names unless it is on board; it must be what the contract says of it."""
+        cid = address_of(model)
         if self.policy is None or cid != self._loaded:
             return (FetchModel(cid),)
+        require_same_card(model, self.policy.card)
         if self.state is UavState.SELECTED:
             self.machine.advance(UavMessage.MODEL_VERIFIED)
         return ()

@@ -7,17 +7,16 @@ from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
-from skyrelay.airspace.flight import ACTIONS
 from skyrelay.airspace.maps import map_names
 from skyrelay.chain.accounts import Keyring
-from skyrelay.chain.client import IovClient, ModelCard, Role, Settings
+from skyrelay.chain.client import IovClient, Role, Settings
 from skyrelay.chain.embedded.chain import EmbeddedChain
 from skyrelay.chain.node.chain import NodeChain
 from skyrelay.chain.proof.root import TrustRoot
 from skyrelay.core.scenario import Chain as ChainConfig
 from skyrelay.core.scenario import Scenario
 from skyrelay.policy import Policy, builtin_policies
-from skyrelay.policy.card import Card
+from skyrelay.protocol.model_card import chain_card
 from skyrelay.runfolder.folder import CHAIN, STORE
 from skyrelay.store.cid import Cid
 from skyrelay.store.kubo import KuboStore
@@ -124,20 +123,6 @@ def _open_chain(config: ChainConfig, folder: Path) -> EmbeddedChain | NodeChain:
     urls = [url.strip() for url in config.url.split(",")]
     root = TrustRoot.of(config.validators or ())
     return NodeChain(urls, keyring, chain_id=config.chain_id, root=root, confirmations=config.confirmations)
-
-
-def chain_card(card: Card) -> ModelCard:
-    """What the contract holds of a policy's card; the score is the return of its first evaluation, 0 without one."""
-    return ModelCard(
-        min_uavs=card.uavs[0],
-        max_uavs=card.uavs[1],
-        min_vehicles=card.vehicles[0],
-        max_vehicles=card.vehicles[1],
-        observation_side=card.n,
-        channels=len(card.maps),
-        actions=ACTIONS,
-        score=card.evaluation[0].episode_return.mean if card.evaluation else 0.0,
-    )
 
 
 def _policies(scenario: Scenario) -> list[Policy]:

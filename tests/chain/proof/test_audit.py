@@ -215,7 +215,7 @@ def test_a_folder_without_a_record_is_bad_input(tmp_path: Path, copy: Path) -> N
 
 def follow(events: Sequence[Event]) -> list[str]:
     """Differences when the events are taken as the chain's, whoever sent them."""
-    reference = ReferenceContract(lambda event: None)
+    reference = ReferenceContract(lambda event: None, lambda block: 98 + block, lambda event: None)
     reference.follow(events)
     return [str(difference) for difference in reference.differences]
 
@@ -268,6 +268,13 @@ def test_a_wrong_selection_is_named(events: list[Event]) -> None:
         ("VehSelectionSubmitted", {"round": 77}),
         ("VehSelectionSubmitted", {"demand": 0}),
         ("VehSelectionSubmitted", {"session": 77}),
+        ("VehSelectionSubmitted", {"payment": 701}),
+        ("VehSelectionSubmitted", {"reputation": 10_001}),
+        ("VehSelectionSubmitted", {"uavX": 77}),
+        ("ZonePieceAllocated", {"cursor": 77}),
+        ("ModelRegistered", {"owner": "0x" + "12" * 20}),
+        ("MemberSuspended", {"member": "0x" + "12" * 20}),
+        ("DefaultAdminTransferScheduled", {"acceptSchedule": 77}),
     ],
 )
 def test_each_kind_of_event_is_checked(events: list[Event], name: str, args: dict[str, Any]) -> None:
@@ -296,7 +303,7 @@ def test_an_event_left_out_is_noticed_by_those_after_it(events: list[Event], nam
 
 
 def test_a_sender_without_the_right_is_named(events: list[Event]) -> None:
-    reference = ReferenceContract(lambda event: "0x" + "99" * 20)
+    reference = ReferenceContract(lambda event: "0x" + "99" * 20, lambda block: 98 + block, lambda event: None)
     reference.follow(events)
     named = {difference.place.rsplit(": ", 1)[1] for difference in reference.differences}
     assert {"UAVRegistered", "VehSelectionSubmitted", "UAVAllocated", "ModelAssigned", "ReputationSet"} <= named

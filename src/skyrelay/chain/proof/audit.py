@@ -29,6 +29,7 @@ from skyrelay.chain.proof.reference import ReferenceContract
 from skyrelay.chain.proof.replay import Difference, replay
 from skyrelay.chain.proof.root import TrustRoot
 from skyrelay.chain.proof.sealed import SealedBlocks
+from skyrelay.chain.proof.signatures import Signatures
 from skyrelay.core.errors import ChainError, RunFolderError
 from skyrelay.core.untrusted import parse_json
 
@@ -118,9 +119,9 @@ def audit_run(folder: Path, progress: Progress = in_silence, *, head: str | None
         for block in done.blocks
         for index, transaction in enumerate(block.transactions)
     }
-    events = report.events = _follow(logs, transactions, address, report)
+    times = report.timestamps = {block.number: block.timestamp for block in done.blocks}
+    events = report.events = _follow(logs, transactions, times, address, done.chain_id, report)
     report.gas = _gas(done.blocks, address, events)
-    report.timestamps = {block.number: block.timestamp for block in done.blocks}
     progress("comparing the tables")
     _compare_events(folder / EVENTS, events, report)
     return report
@@ -152,7 +153,9 @@ def audit_node(
             Difference("eth_getLogs", f"{len(told)} logs", f"the {len(blocks.logs)} of the blocks' receipts")
         )
     progress("rebuilding every selection")
-    events = report.events = _follow(blocks.logs, blocks.transactions, client.address, report)
+    events = report.events = _follow(
+        blocks.logs, blocks.transactions, blocks.times, client.address, chain.chain_id, report
+    )
     for event in [event for event in events if event.name == "Deployed"][:1]:
         helper = event.args["extension"].lower()
         creation = blocks.transactions[event.block, event.transaction]
@@ -168,7 +171,9 @@ def audit_node(
 def _follow(
     logs: Sequence[LogEntry],
     transactions: Mapping[tuple[int, int], SentTransaction],
+    times: Mapping[int, int],
     address: str,
+    chain_id: int,
     report: AuditReport,
 ) -> list[Event]:
     """Have the reference follow the contract's events."""
@@ -187,7 +192,8 @@ def _follow(
             events.append(contract().event(entry))
         except ChainError as error:
             report.differences.append(Difference(error.place, str(error.value), error.expected))
-    reference = ReferenceContract(sender_of)
+    signatures = Signatures(address, chain_id, lambda event: transactions[event.block, event.transaction].data)
+    reference = ReferenceContract(sender_of, lambda block: times[block], signatures.signer_of)
     reference.follow(events)
     report.checked.update(reference.checked)
     report.differences += reference.differences

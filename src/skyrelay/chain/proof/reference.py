@@ -31,14 +31,19 @@ ADMIN = "0x" + "00" * 32
 COORDINATOR = "0x" + keccak(b"COORDINATOR_ROLE").hex()
 PUBLISHER = "0x" + keccak(b"PUBLISHER_ROLE").hex()
 REPUTATION = "0x" + keccak(b"REPUTATION_ROLE").hex()
+REGISTRAR = "0x" + keccak(b"REGISTRAR_ROLE").hex()
 _ROLES = {
     ADMIN: "administrator",
     COORDINATOR: "coordinator",
     PUBLISHER: "publisher",
     REPUTATION: "reputation authority",
+    REGISTRAR: "registrar",
 }
 
+_UAV, _VEHICLE = 1, 2
+_NOBODY = "0x" + "00" * 20
 _MAX_PROPOSALS = 1024
+_MAX_PLACES = 65_535
 _MAX_MODELS = 64
 _MAX_SCORE = 2**31 - 1
 _CARD_TYPE = "(uint16,uint16,uint16,uint16,uint16,uint8,uint8,int32)"
@@ -49,12 +54,18 @@ class _Proposal:
     vehicle: str
     demand: int
     score: int
-    withdrawn: bool = False
 
 
 @dataclass
 class _Session:
-    """A UAV's proposals and selections in one period of one zone; zone 0 before its first proposal."""
+    """A UAV's proposals and selections in one period of one zone; zone 0 before its first proposal.
+
+    Attributes:
+        proposals: by place; the first ``decided`` have been through an allocation.
+        selected: places of those that the UAV serves.
+        given_up: places of those that were selected and gave it up.
+        closed: the one before was voided in this period, which takes no more proposals.
+    """
 
     number: int
     zone: int = 0
@@ -62,6 +73,9 @@ class _Session:
     proposals: list[_Proposal] = field(default_factory=list)
     decided: int = 0
     selected: set[int] = field(default_factory=set)
+    given_up: set[int] = field(default_factory=set)
+    served: bool = False
+    closed: bool = False
 
     @property
     def committed(self) -> int:
@@ -76,9 +90,12 @@ class _Uav:
     battery: int
     bandwidth: int
     reputation: int
+    written: int
     zone: int = 0
+    suspended: bool = False
     session: _Session = field(default_factory=lambda: _Session(1))
     finished: _Session | None = None
+    """The last one that served somebody, before the session."""
 
 
 @dataclass
@@ -88,6 +105,7 @@ class _Vehicle:
     payment: int
     zone: int
     reputation: int
+    suspended: bool = False
     proposal: tuple[str, int, int] | None = None
     """UAV, session and index of the latest one."""
 
@@ -96,7 +114,12 @@ class _Vehicle:
 class _Zone:
     period: int = 1
     round: int = 1
+    since: int = 0
+    begun: int = 0
     allocating: bool = False
+    waiting: bool = False
+    has_model: bool = False
+    suspended: bool = False
     uavs: set[str] = field(default_factory=set)
 
 
@@ -111,22 +134,36 @@ class ReferenceContract:
 
     Args:
         sender_of: who sent the transaction of an event to the contract; None where another contract called it.
+        time_of: the time of a block [s].
+        signer_of: who signed the proposal that an event tells of and somebody else handed in; None: nobody did.
 
     Attributes:
         checked: how many of each thing were compared.
         differences: every disagreement.
     """
 
-    def __init__(self, sender_of: Callable[[Event], str | None]) -> None:
+    def __init__(
+        self,
+        sender_of: Callable[[Event], str | None],
+        time_of: Callable[[int], int],
+        signer_of: Callable[[Event], str | None],
+    ) -> None:
         self.checked: Counter[str] = Counter()
         self.differences: list[Difference] = []
         self._sender_of = sender_of
+        self._time_of = time_of
+        self._signer_of = signer_of
+        self._now = 0
         self._parameters: Mapping[str, Any] | None = None
         self._fixed: FixedParameters | None = None
         self._deployment: tuple[int, int] | None = None
         self._uavs: dict[str, _Uav] = {}
         self._vehicles: dict[str, _Vehicle] = {}
         self._zones: dict[int, _Zone] = {}
+        self._coordinators: dict[int, str] = {}
+        self._admitted: dict[str, int] = {}
+        self._next_admin: tuple[str, int] | None = None
+        self._suspending: tuple[str, int, int] | None = None
         self._models: dict[str, _Model] = {}
         self._in_use: list[str] = []
         self._roles: dict[str, set[str]] = {}
@@ -140,6 +177,8 @@ class ReferenceContract:
                 self._differs("comes first", "Deployed before it")
                 return
             self.checked["events"] += 1
+            self._now = self._time_of(event.block)
+            self._expect_suspension(event)
             check = getattr(self, f"_on_{event.name}", None)
             if check is None:
                 self._differs("not known to the audit", "an event of this version")
@@ -165,10 +204,11 @@ class ReferenceContract:
         uav = args["uav"]
         self._by(event, uav)
         self._expect("members of this address before", int(self._is_member(uav)), 0)
+        self._expect_admitted(uav, _UAV)
         self._expect("index", args["index"], len(self._uavs))
         self._expect("reputation", args["reputation"], self._rules["initialReputation"])
         self._uavs[uav] = _Uav(
-            args["index"], args["x"], args["y"], args["battery"], args["bandwidth"], args["reputation"]
+            args["index"], args["x"], args["y"], args["battery"], args["bandwidth"], args["reputation"], self._now
         )
         self._within_limits(args)
 
@@ -178,11 +218,11 @@ class ReferenceContract:
         self._within_limits(args)
         if args["battery"] == 0:
             self._expect("proposals of an empty UAV", len(uav.session.proposals), 0)
-        elif self._current(uav) and args["bandwidth"] < uav.bandwidth:
+        elif self._current(uav) and uav.session.proposals:
             self._require(
-                "bandwidth", args["bandwidth"], args["bandwidth"] >= uav.session.committed, "what is promised"
+                "bandwidth", args["bandwidth"], args["bandwidth"] >= uav.bandwidth, "no less than was proposed to"
             )
-        uav.x, uav.y = args["x"], args["y"]
+        uav.x, uav.y, uav.written = args["x"], args["y"], self._now
         uav.battery, uav.bandwidth = args["battery"], args["bandwidth"]
 
     def _on_UAVZoneUpdated(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
@@ -192,16 +232,22 @@ class ReferenceContract:
         self._expect("proposals of a UAV that moves", len(uav.session.proposals), 0)
         if uav.zone:
             self._zones[uav.zone].uavs.discard(args["uav"])
-        uav.zone = args["to"]
+        uav.zone, uav.written = args["to"], self._now
         if uav.zone:
             self._zones[uav.zone].uavs.add(args["uav"])
 
     def _on_UAVSubmissionReset(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
-        if self._sender_of(event) != args["uav"]:
-            self._by_role(event, COORDINATOR)
         uav = self._uavs[args["uav"]]
-        self._expect("session", args["session"], uav.session.number + 1)
-        uav.finished, uav.session = uav.session, _Session(args["session"])
+        sender = self._sender_of(event)
+        if sender not in (None, args["uav"]) and not self._is_stale(uav) and not uav.suspended:
+            self._by_role(event, REGISTRAR)
+            self._suspending = (args["uav"], event.block, event.transaction)
+        session = uav.session
+        self._require("proposals", 0, bool(session.proposals), "some to void")
+        self._expect("session", args["session"], session.number + 1)
+        if session.served:
+            uav.finished = session
+        uav.session = _Session(args["session"], session.zone, session.period, closed=True)
         self.checked["sessions ended"] += 1
 
     def _on_VehicleRegistered(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
@@ -209,6 +255,7 @@ class ReferenceContract:
         self._by(event, vehicle)
         self._expect("members of this address before", int(self._is_member(vehicle)), 0)
         self._expect("reputation", args["reputation"], self._rules["initialReputation"])
+        self._expect_admitted(vehicle, _VEHICLE)
         self._require_at_most("payment", args["payment"], self._rules["maxPayment"])
         self._vehicles[vehicle] = _Vehicle(args["x"], args["y"], args["payment"], args["zone"], args["reputation"])
         self.checked["records"] += 1
@@ -217,33 +264,36 @@ class ReferenceContract:
         self._by(event, args["vehicle"])
         vehicle = self._vehicles[args["vehicle"]]
         self._require_at_most("payment", args["payment"], self._rules["maxPayment"])
-        if args["zone"] != vehicle.zone:
-            self._require(
-                "zone", args["zone"], self._status(vehicle) not in ("pending", "selected"), "a withdrawn proposal first"
-            )
+        status = self._status(vehicle)
+        self._require("proposal", status, status in ("none", "rejected"), "none or rejected: its terms are frozen")
         vehicle.x, vehicle.y = args["x"], args["y"]
         vehicle.payment, vehicle.zone = args["payment"], args["zone"]
         self.checked["records"] += 1
 
     def _on_ZoneOpened(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: ARG002, N802
         self._expect("openings of the zone before", int(args["zone"] in self._zones), 0)
-        self._zones[args["zone"]] = _Zone()
+        self._zones[args["zone"]] = _Zone(since=self._now, begun=self._now)
 
     def _on_VehSelectionSubmitted(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
-        self._by(event, args["vehicle"])
         vehicle, uav, zone = self._vehicles[args["vehicle"]], self._uavs[args["uav"]], self._zones[args["zone"]]
-        self._expect("zone of the UAV", uav.zone, args["zone"])
-        self._expect("zone of the vehicle", vehicle.zone, args["zone"])
-        self._expect("round", args["round"], zone.round)
-        self._expect("zone under allocation", zone.allocating, False)
-        self._require("battery of the UAV", uav.battery, uav.battery > 0, "more than 0")
         status = self._status(vehicle)
         self._require("vehicle's proposal before", status, status in ("none", "rejected"), "none or rejected")
         if status == "rejected" and vehicle.proposal is not None:
             self._require(
                 "UAV", args["uav"], vehicle.proposal[0] != args["uav"], "one that has not rejected the vehicle"
             )
+        self._expect_terms(event, args, vehicle)
+        self._expect("zone of the UAV", uav.zone, args["zone"])
+        self._expect("zone of the vehicle", vehicle.zone, args["zone"])
+        self._expect("round", args["round"], zone.round)
+        self._expect("zone under allocation", zone.allocating, False)
+        self._expect("zone suspended", zone.suspended, False)
+        self._expect("vehicle or UAV suspended", vehicle.suspended or uav.suspended, False)
+        self._require("battery of the UAV", uav.battery, uav.battery > 0, "more than 0")
+        self._require("UAV's last report [s]", uav.written, not self._is_stale(uav), f"a newer one at {self._now}")
         assert self._fixed is not None  # noqa: S101  (the parameters came first, or `follow` would have said so)
+        self._expect("position of the UAV", (args["uavX"], args["uavY"]), (uav.x, uav.y))
+        self._expect("reputation", args["reputation"], vehicle.reputation)
         distance = distance_fixed(vehicle.x - uav.x, vehicle.y - uav.y)
         if self._rules["rangeGate"]:
             farthest = self._fixed.max_distance * DISTANCE_SCALE
@@ -253,31 +303,63 @@ class ReferenceContract:
         self._expect("score", args["score"], score_fixed(qov, args["demand"]))
         if not self._current(uav):
             if uav.session.proposals:
-                uav.finished, uav.session = uav.session, _Session(uav.session.number + 1)
+                if uav.session.served:
+                    uav.finished = uav.session
+                uav.session = _Session(uav.session.number + 1)
+            uav.session.closed = False
             uav.session.zone, uav.session.period = args["zone"], zone.period
         session = uav.session
+        self._expect("UAV voided in this period", session.closed, False)
         self._expect("session", args["session"], session.number)
         self._expect("index", args["index"], len(session.proposals))
-        self._require_at_most("index", args["index"], _MAX_PROPOSALS - 1)
+        self._require_at_most("index", args["index"], _MAX_PLACES - 1)
+        self._require_at_most(
+            "proposals before", len(session.proposals) - session.decided + len(session.selected), _MAX_PROPOSALS - 1
+        )
         session.proposals.append(_Proposal(args["vehicle"], args["demand"], args["score"]))
         vehicle.proposal = (args["uav"], session.number, len(session.proposals) - 1)
+        if not zone.waiting:
+            zone.waiting, zone.since = True, self._now
         self.checked["proposals"] += 1
 
+    def _expect_terms(self, event: Event, args: Mapping[str, Any], vehicle: _Vehicle) -> None:
+        """What a proposal was computed from is the vehicle's record; or its record anew, where it was signed for it."""
+        record = (vehicle.x, vehicle.y, vehicle.payment, vehicle.zone)
+        terms = (args["x"], args["y"], args["payment"], args["zone"])
+        sender = self._sender_of(event)
+        if sender == args["vehicle"] and record == terms:
+            return
+        self._require_at_most("payment", args["payment"], self._rules["maxPayment"])
+        vehicle.x, vehicle.y, vehicle.payment, vehicle.zone = terms
+        if sender is not None:
+            signer = self._signer_of(event)
+            self._expect("signature of", signer or "nobody", args["vehicle"])
+            self.checked["proposals by signature"] += 1
+
     def _on_VehSelectionWithdrawn(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
-        self._by(event, args["vehicle"])
         vehicle = self._vehicles[args["vehicle"]]
+        if self._sender_of(event) not in (None, args["vehicle"]):
+            self._by_role(event, REGISTRAR)
+            self._suspending = (args["vehicle"], event.block, event.transaction)
         self._expect("proposal", (args["uav"], args["session"], args["index"]), vehicle.proposal)
         status = self._status(vehicle)
         self._require("proposal", status, status in ("pending", "selected"), "pending or selected")
-        session = self._uavs[args["uav"]].session
-        session.proposals[args["index"]].withdrawn = True
-        session.selected.discard(args["index"])
+        session, index = self._uavs[args["uav"]].session, args["index"]
+        if index in session.selected:
+            session.selected.discard(index)
+            session.given_up.add(index)
+        else:
+            # The last one of the list moves into the place.
+            last = session.proposals.pop()
+            if index < len(session.proposals):
+                session.proposals[index] = last
+                self._vehicles[last.vehicle].proposal = (args["uav"], session.number, index)
         vehicle.proposal = None
         self.checked["withdrawals"] += 1
 
     def _on_UAVAllocated(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
-        self._by_role(event, COORDINATOR)
         uav, zone = self._uavs[args["uav"]], self._zones[args["zone"]]
+        self._by_coordinator(event, args["zone"], zone.allocating or (zone.waiting and self._is_overdue(zone)))
         session = uav.session
         self._expect("zone", args["zone"], uav.zone)
         self._expect("round", args["round"], zone.round)
@@ -285,11 +367,7 @@ class ReferenceContract:
         self._require("session", session.number, self._current(uav), "one of the zone's period")
         self._expect("decided", args["decided"], len(session.proposals))
         self._require("undecided proposals", 0, session.decided < len(session.proposals), "more than 0")
-        open_ = [
-            i
-            for i, proposal in enumerate(session.proposals)
-            if not proposal.withdrawn and (i >= session.decided or i in session.selected)
-        ]
+        open_ = [i for i in range(len(session.proposals)) if i >= session.decided or i in session.selected]
         taken = allocate_fixed(
             uav.bandwidth, [(session.proposals[i].score, session.proposals[i].demand) for i in open_]
         )
@@ -299,15 +377,24 @@ class ReferenceContract:
         # From here on what the chain says counts.
         places = {session.proposals[i].vehicle: i for i in open_}
         session.selected = {places[vehicle] for vehicle in args["selected"]}
+        session.served = session.served or bool(session.selected)
         self._expect("committed", args["committed"], session.committed)
         self._require_at_most("committed", args["committed"], uav.bandwidth)
         zone.allocating = True
         self.checked["selections by UAVs"] += 1
         self.checked["vehicles selected"] += len(args["selected"])
 
-    def _on_ZoneAllocated(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
-        self._by_role(event, COORDINATOR)
+    def _on_ZonePieceAllocated(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
         zone = self._zones[args["zone"]]
+        self._by_coordinator(event, args["zone"], zone.allocating or (zone.waiting and self._is_overdue(zone)))
+        self._expect("round", args["round"], zone.round)
+        self._require_at_most("cursor", args["cursor"], max(len(zone.uavs) - 1, 0))
+        zone.allocating = True
+        self.checked["pieces of allocations"] += 1
+
+    def _on_ZoneAllocated(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
+        zone = self._zones[args["zone"]]
+        self._by_coordinator(event, args["zone"], zone.allocating or (zone.waiting and self._is_overdue(zone)))
         self._expect("period", args["period"], zone.period)
         self._expect("round", args["round"], zone.round)
         for name in sorted(zone.uavs):
@@ -315,26 +402,36 @@ class ReferenceContract:
             if self._current(uav):
                 self._expect(f"decided proposals of {name}", uav.session.decided, len(uav.session.proposals))
         self._expect_selected(args["zone"], args)
-        zone.allocating = False
-        zone.round = args["round"] + 1
+        zone.allocating = zone.waiting = False
+        zone.round, zone.since = args["round"] + 1, self._now
         self.checked["allocations of zones"] += 1
 
     def _on_ZoneListsReset(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
-        self._by_role(event, COORDINATOR)
         zone = self._zones[args["zone"]]
+        shortest = self._rules["minimumPeriod"]
+        due = zone.begun + shortest
+        self._by_coordinator(event, args["zone"], shortest > 0 and self._now > due and self._is_overdue(zone))
+        self._require("time [s]", self._now, self._now >= due, f"no less than {due}")
+        self._expect("zone with undecided proposals", zone.allocating or zone.waiting, False)
         self._expect("period", args["period"], zone.period + 1)
         self._expect("round", args["round"], zone.round + 1)
-        zone.period, zone.round, zone.allocating = args["period"], args["round"], False
+        zone.period, zone.round, zone.has_model = args["period"], args["round"], False
+        zone.since = zone.begun = self._now
         self.checked["resets of zones"] += 1
 
     def _on_ModelRegistered(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
         self._by(event, args["owner"])
         self._by_role(event, PUBLISHER)
         cid, card = bytes.fromhex(args["cid"][2:]), args["card"]
-        model_id = "0x" + keccak(encode(["bytes", _CARD_TYPE], [cid, tuple(card.values())])).hex()
+        model_id = (
+            "0x" + keccak(encode(["address", "bytes", _CARD_TYPE], [args["owner"], cid, tuple(card.values())])).hex()
+        )
         self._expect("model id", args["modelId"], model_id)
         self._expect("registrations of the model before", int(args["modelId"] in self._models), 0)
         self._require("CID", args["cid"], len(cid) == 36 and (cid[0], cid[2:4]) == (1, b"\x12\x20"), "CIDv1 of SHA-256")
+        ranges = 1 <= card["minUAVs"] <= card["maxUAVs"] and card["minVehicles"] <= card["maxVehicles"]
+        self._require("ranges", list(card.values()), ranges, "from a least number to a largest one")
+        self._require_at_most("score", card["score"], 0)
         for key in ("channels", "actions"):
             self._expect(key, card[key], self._rules[key])
         if self._rules["observationSide"]:
@@ -352,8 +449,9 @@ class ReferenceContract:
         self.checked["models retired"] += 1
 
     def _on_ModelAssigned(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
-        self._by_role(event, COORDINATOR)
         zone = self._zones[args["zone"]]
+        late = not zone.has_model and not zone.waiting and self._is_overdue(zone)
+        self._by_coordinator(event, args["zone"], late)
         self._expect("round", args["round"], zone.round)
         self._expect("zone under allocation", zone.allocating, False)
         uavs, vehicles = self._expect_selected(args["zone"], args)
@@ -370,6 +468,7 @@ class ReferenceContract:
         # `min` takes the first of equals, as the contract does.
         best = min(self._in_use, key=rank) if self._in_use else "none"
         self._expect("model", args["modelId"], best)
+        zone.has_model = True
         self.checked["model assignments"] += 1
 
     def _on_ReputationSet(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
@@ -389,10 +488,44 @@ class ReferenceContract:
         member.reputation = args["reputation"]
         self.checked["ratings"] += 1
 
+    def _on_MemberAdmitted(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: ARG002, N802
+        self._expect("admission", self._rules["admission"], True)
+        self._has_role(args["registrar"], REGISTRAR)
+        self._require("kind", args["kind"], args["kind"] in (_UAV, _VEHICLE), f"{_UAV} or {_VEHICLE}")
+        member = args["member"]
+        self._expect("admitted before", self._is_member(member) or member in self._admitted, False)
+        self._admitted[member] = args["kind"]
+        self.checked["admissions"] += 1
+
+    def _on_MemberSuspended(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
+        self._by_role(event, REGISTRAR)
+        member = self._member(args["member"])
+        if isinstance(member, _Uav):
+            self._expect("proposals of a suspended UAV", len(member.session.proposals), 0)
+        else:
+            status = self._status(member)
+            self._require("proposal", status, status in ("none", "rejected"), "withdrawn before")
+        member.suspended = args["suspended"]
+        self.checked["suspensions"] += 1
+
+    def _on_ZoneSuspended(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
+        self._by_role(event, REGISTRAR)
+        self._zones[args["zone"]].suspended = args["suspended"]
+        self.checked["suspensions"] += 1
+
+    def _on_ZoneCoordinatorSet(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
+        self._by_role(event, ADMIN)
+        self._coordinators[args["zone"]] = args["coordinator"]
+        self.checked["role changes"] += 1
+
     def _on_RoleGranted(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
         # The deployer is made administrator by the constructor; every other grant is an administrator's.
         if (event.block, event.transaction) != self._deployment:
-            self._has_role(args["sender"], ADMIN)
+            if args["role"] == ADMIN:
+                self._expect_admin_change(args["account"], args["sender"])
+                self._next_admin = None
+            else:
+                self._has_role(args["sender"], ADMIN)
         self._require("role", args["role"], args["role"] in _ROLES, "one of the contract's")
         self._require(
             "account", args["account"], not self._holds(args["account"], args["role"]), "one without the role"
@@ -401,11 +534,34 @@ class ReferenceContract:
         self.checked["role changes"] += 1
 
     def _on_RoleRevoked(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: ARG002, N802
-        if args["sender"] != args["account"]:
+        if args["role"] == ADMIN:
+            # The administrator goes when its successor accepts; or renounces, having announced that nobody follows.
+            renounced = args["sender"] == args["account"]
+            self._expect_admin_change(_NOBODY if renounced else args["sender"], args["sender"])
+        elif args["sender"] != args["account"]:
             self._has_role(args["sender"], ADMIN)
         self._has_role(args["account"], args["role"])
         self._roles.get(args["role"], set()).discard(args["account"])
         self.checked["role changes"] += 1
+
+    def _on_DefaultAdminTransferScheduled(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
+        self._by_role(event, ADMIN)
+        self._expect("schedule", args["acceptSchedule"], self._now + self._rules["adminDelay"])
+        self._next_admin = (args["newAdmin"], args["acceptSchedule"])
+        self.checked["role changes"] += 1
+
+    def _on_DefaultAdminTransferCanceled(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: ARG002, N802
+        self._by_role(event, ADMIN)
+        self._require("change of the administrator", "canceled", self._next_admin is not None, "one that was scheduled")
+        self._next_admin = None
+
+    def _expect_admin_change(self, successor: str, sender: str) -> None:
+        """A change of the administrator was announced, its time has come, and the successor itself makes it."""
+        announced = self._next_admin
+        ready = announced is not None and announced[0] == successor and self._now > announced[1]
+        self._require("administrator", successor, ready, "one that was announced the delay before")
+        if successor != _NOBODY:
+            self._expect("sender", sender, successor)
 
     def _on_RoleAdminChanged(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: ARG002, N802
         self._differs(f"role {args['role']} has another administrator", "no such change: the contract has no way to it")
@@ -415,6 +571,14 @@ class ReferenceContract:
     @property
     def _rules(self) -> Mapping[str, Any]:
         return self._parameters or {}
+
+    def _is_stale(self, uav: _Uav) -> bool:
+        after: int = self._rules["staleAfter"]
+        return after > 0 and self._now > uav.written + after
+
+    def _is_overdue(self, zone: _Zone) -> bool:
+        """The coordinator has had its time."""
+        return bool(self._now > zone.since + self._rules["allocationDeadline"])
 
     def _is_member(self, address: str) -> bool:
         return address in self._uavs or address in self._vehicles
@@ -454,7 +618,7 @@ class ReferenceContract:
         rates_uav = member in self._uavs
         name, vehicle = (member, by) if rates_uav else (by, member)
         uav = self._uavs[name]
-        ended = uav.session.proposals and not self._current(uav)
+        ended = uav.session.served and not self._current(uav)
         session = uav.session if ended else uav.finished
         if session is None:
             self._differs("rated", "no rating: the UAV has no finished session")
@@ -465,7 +629,7 @@ class ReferenceContract:
             self._require("rating", f"of {name} by {vehicle}", known, "one of a UAV that served the vehicle")
             self._vehicles[vehicle].proposal = None
             return
-        places = [i for i in session.selected if session.proposals[i].vehicle == vehicle]
+        places = [i for i in session.selected | session.given_up if session.proposals[i].vehicle == vehicle]
         self._require("rating", f"of {vehicle} by {name}", bool(places), "one of a vehicle that the UAV served")
         for place in places:
             session.proposals[place].vehicle = ""
@@ -487,6 +651,29 @@ class ReferenceContract:
         sender = self._sender_of(event)
         if sender is not None:
             self._has_role(sender, role)
+
+    def _by_coordinator(self, event: Event, zone: int, open_to_all: bool) -> None:
+        """The transaction is the zone's coordinator's; or anyone's, where that is so."""
+        if open_to_all:
+            return
+        sender, own = self._sender_of(event), self._coordinators.get(zone, _NOBODY)
+        if own == _NOBODY:
+            self._by_role(event, COORDINATOR)
+        elif sender is not None:
+            self._expect("sender", sender, own)
+
+    def _expect_admitted(self, member: str, kind: int) -> None:
+        """Where the contract was deployed with admission, the member registers as what it was admitted as."""
+        if self._rules["admission"]:
+            self._expect("admitted as", self._admitted.pop(member, None), kind)
+
+    def _expect_suspension(self, event: Event) -> None:
+        """What a registrar has voided or withdrawn belongs to a member that it suspends in the same transaction."""
+        if self._suspending is not None:
+            member, block, transaction = self._suspending
+            found = (event.name, event.args.get("member"), event.block, event.transaction)
+            self._expect("follows", found, ("MemberSuspended", member, block, transaction))
+            self._suspending = None
 
     def _has_role(self, account: str, role: str) -> None:
         self._require("sender", account, self._holds(account, role), f"one with the role of {_ROLES.get(role, role)}")

@@ -53,11 +53,13 @@ class SealedBlocks:
     Attributes:
         logs: of the contract, as the receipts have them, in order.
         transactions: those in blocks with logs, by block and place.
+        times: of the blocks, by number [s].
     """
 
     def __init__(self, chain: NodeChain, address: str, report: Findings, root: TrustRoot = _ANY) -> None:
         self.logs: list[LogEntry] = []
         self.transactions: dict[tuple[int, int], SentTransaction] = {}
+        self.times: dict[int, int] = {}
         self._chain = chain
         self._address = address
         self._report = report
@@ -131,6 +133,7 @@ class SealedBlocks:
         self._parent = digest
         self._head_seen |= digest == self._root.head
         self._state = (number, told["stateRoot"])
+        self.times[number] = int(told["timestamp"], 16)
 
     def _check_seal(self, place: str, seal: Seal) -> None:
         """Enough of the validators, and validators whom enough of those before them accepted."""

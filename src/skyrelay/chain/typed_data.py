@@ -1,0 +1,126 @@
+"""What members and registrars sign off the chain for others to hand in: proposals and vouchers (EIP-712)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from eth_hash.auto import keccak
+
+from skyrelay.chain.accounts import Keyring, recovered
+from skyrelay.core.recursion import recursion_limit_kept
+
+with recursion_limit_kept():
+    from eth_account.messages import SignableMessage, encode_typed_data
+
+_PROPOSAL = (
+    ("uav", "address"),
+    ("zone", "uint32"),
+    ("round", "uint32"),
+    ("x", "int32"),
+    ("y", "int32"),
+    ("payment", "uint32"),
+    ("demand", "uint32"),
+    ("since", "uint32"),
+)
+_VOUCHER = (("member", "address"), ("kind", "uint8"), ("expires", "uint256"))
+UAV, VEHICLE = 1, 2
+"""Kinds of members in a voucher."""
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """A vehicle's proposal with its record for the period, in the contract's units.
+
+    Attributes:
+        uav: address of the UAV that it asks.
+        zone, round: of the UAV, which the proposal is for and no other.
+        x, y: where the vehicle is [0.1 m].
+        payment: [cents per Mbit/s]; demand: [kbit/s].
+        since: time of the record that this one replaces, as the contract has it [s]: every record's is another, so
+            that the same proposal is never taken twice.
+    """
+
+    uav: str
+    zone: int
+    round: int
+    x: int
+    y: int
+    payment: int
+    demand: int
+    since: int
+
+
+@dataclass(frozen=True, slots=True)
+class SignedProposal:
+    """A proposal and its vehicle's signature: 65 bytes, r, s, v."""
+
+    proposal: Proposal
+    signature: bytes
+
+    @property
+    def packed(self) -> tuple[int, bytes, bytes]:
+        """Terms, r, and s with the parity of v in its first bit (EIP-2098), as `submitSigned` takes them."""
+        p = self.proposal
+        terms = p.since << 128 | p.demand << 96 | p.payment << 64 | (p.y & 0xFFFFFFFF) << 32 | p.x & 0xFFFFFFFF
+        r, s, v = self.signature[:32], self.signature[32:64], self.signature[64]
+        return terms, r, (int.from_bytes(s, "big") | (v - 27) << 255).to_bytes(32, "big")
+
+    @classmethod
+    def unpacked(cls, uav: str, zone: int, round_: int, terms: int, r: str, vs: str) -> SignedProposal:
+        """From what `submitSigned` was called with, `r` and `vs` as ``0x`` text; the inverse of `packed`."""
+        x, y, payment, demand, since = ((terms >> 32 * place) & 0xFFFFFFFF for place in range(5))
+        s = int(vs, 16)
+        signature = bytes.fromhex(r[2:]) + (s & ((1 << 255) - 1)).to_bytes(32, "big") + bytes([27 + (s >> 255)])
+        return cls(Proposal(uav, zone, round_, _signed(x), _signed(y), payment, demand, since), signature)
+
+    def signer(self, contract: str, chain_id: int) -> str | None:
+        """The address that signed it for a contract; None where the signature is none."""
+        message = _message("Proposal", _PROPOSAL, _fields(self.proposal, _PROPOSAL), contract, chain_id)
+        digest = keccak(b"\x19" + message.version + message.header + message.body)
+        return recovered(digest, self.signature[:64] + bytes([self.signature[64] - 27]))
+
+
+@dataclass(frozen=True, slots=True)
+class Voucher:
+    """A registrar's word that an address is one vehicle or UAV.
+
+    Attributes:
+        kind: `UAV` or `VEHICLE`.
+        expires: until when it can be handed in [s].
+    """
+
+    member: str
+    kind: int
+    expires: int
+    signature: bytes = b""
+
+
+def sign_proposal(keyring: Keyring, vehicle: str, proposal: Proposal, contract: str, chain_id: int) -> SignedProposal:
+    """Sign as a vehicle of this host, for one contract on one chain."""
+    message = _message("Proposal", _PROPOSAL, _fields(proposal, _PROPOSAL), contract, chain_id)
+    return SignedProposal(proposal, keyring.sign_message(vehicle, message))
+
+
+def sign_voucher(keyring: Keyring, registrar: str, voucher: Voucher, contract: str, chain_id: int) -> Voucher:
+    """The voucher with its registrar's signature, for one contract on one chain."""
+    message = _message("Voucher", _VOUCHER, _fields(voucher, _VOUCHER), contract, chain_id)
+    return replace(voucher, signature=keyring.sign_message(registrar, message))
+
+
+def _fields(source: Proposal | Voucher, types: tuple[tuple[str, str], ...]) -> dict[str, Any]:
+    return {name: getattr(source, name) for name, _ in types}
+
+
+def _message(
+    name: str, types: tuple[tuple[str, str], ...], values: Mapping[str, Any], contract: str, chain_id: int
+) -> SignableMessage:
+    domain = {"name": "SkyRelay", "version": "1", "chainId": chain_id, "verifyingContract": contract}
+    fields = {name: [{"name": field, "type": kind} for field, kind in types]}
+    return encode_typed_data(domain, fields, dict(values))
+
+
+def _signed(word: int) -> int:
+    """An int32 of 32 bits."""
+    return word - (1 << 32) if word >> 31 else word
