@@ -195,10 +195,10 @@ def forged_creation(runtime: bytes, data: bytes, topics: tuple[bytes, ...]) -> b
 def forged_contract(chain: Any) -> str:
     """The genuine runtime with an extension of the deployer's, behind a Deployed event that names the genuine one."""
     scratch = EmbeddedChain()
-    honest = deploy(scratch, extension().bytecode)
+    honest = deploy(scratch, extension().creation(_parameters(Settings())))
     genuine = deploy(scratch, contract().creation(_parameters(Settings()), honest))
     (event,) = [log for log in scratch.logs(genuine, 0, 9) if log.topics[0] == contract().topic("Deployed")]
-    known = deploy(chain, extension().bytecode)
+    known = deploy(chain, extension().creation(_parameters(Settings())))
     evil = deploy(chain, other_extension())
 
     def renamed(data: bytes, address: str) -> bytes:
@@ -225,7 +225,7 @@ def test_another_extension_behind_the_genuine_event_is_refused() -> None:
 def test_genuine_code_that_another_constructor_left_is_refused() -> None:
     """Byte for byte the code of the contract, with storage of the deployer's choice."""
     chain = EmbeddedChain()
-    helper = deploy(chain, extension().bytecode)
+    helper = deploy(chain, extension().creation(_parameters(Settings())))
     genuine = deploy(chain, contract().creation(_parameters(Settings()), helper))
     IovClient.connect(chain, genuine)
     (event,) = [log for log in chain.logs(genuine, 0, 9) if log.topics[0] == contract().topic("Deployed")]
@@ -237,7 +237,7 @@ def test_genuine_code_that_another_constructor_left_is_refused() -> None:
 
 def test_a_contract_that_another_contract_created_is_refused() -> None:
     chain = EmbeddedChain()
-    helper = deploy(chain, extension().bytecode)
+    helper = deploy(chain, extension().creation(_parameters(Settings())))
     creation = contract().creation(_parameters(Settings()), helper)
     size = b"\x62" + len(creation).to_bytes(3, "big")
     # Copies what follows it into memory and creates from it.
