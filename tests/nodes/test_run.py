@@ -69,9 +69,14 @@ def test_a_run_on_four_validators_is_that_of_the_embedded_chain_and_any_of_them_
         keystore = f"chain.keystore={network['operator_keystore']}"
         told = play(tmp_path / "run", "--chain", network["endpoints"][0], "--set", keystore, *flown)
         status, audit = skyrelay("audit", "--chain", network["endpoints"][2], "--contract", told["contract"])
+        folder_status, of_folder = skyrelay("audit", str(tmp_path / "run"))  # where: the folder names its node
         sealed = audit["given"]["blocks sealed by"]
     assert status == 0
     assert audit["agrees"], audit["differences"]
+    assert of_folder["agrees"], of_folder["differences"]
+    assert folder_status == 0
+    assert of_folder["checked"]["files of the manifest"] > 10
+    assert not any("unsigned" in what for what in of_folder["unchecked"])
     assert audit["checked"]["vehicles selected"] >= told["served"] > 0
     assert audit["checked"]["model assignments"] > 0
     validators = json.loads((tmp_path / "net" / "devnet.json").read_text())["validators"]

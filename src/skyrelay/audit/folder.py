@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import math
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,11 +19,14 @@ from skyrelay.chain.abi import Event
 from skyrelay.chain.accounts import signer
 from skyrelay.chain.client import Settings
 from skyrelay.chain.embedded.chain import account_of
-from skyrelay.chain.proof.audit import AuditReport, Progress, audit_run, in_silence
+from skyrelay.chain.node.chain import NodeChain
+from skyrelay.chain.proof.audit import AuditReport, Progress, audit_node, audit_run, in_silence
 from skyrelay.chain.proof.replay import Difference
+from skyrelay.chain.proof.root import TrustRoot
 from skyrelay.core.errors import RunFolderError, SkyRelayError, StoreError
 from skyrelay.core.resolved import resolve
 from skyrelay.report.page import render
+from skyrelay.runfolder.figures import over_the_run
 from skyrelay.runfolder.folder import STORE, SUMMARY
 from skyrelay.runfolder.manifest import MANIFEST, Manifest, entries, read_manifest
 from skyrelay.runfolder.reader import Run, read_rows, read_run
@@ -81,6 +86,46 @@ def audit_folder(folder: Path, progress: Progress = in_silence, *, head: str | N
     _check_store(compared, run, told)
     _check_page(compared, run)
     report.unchecked += UNCHECKED
+    return report
+
+
+def audit_node_folder(
+    folder: Path, chain: NodeChain, progress: Progress = in_silence, *, root: TrustRoot | None = None
+) -> AuditReport:
+    """Audit the folder of a run on a node: its contract on that chain, then the files that need no order of events.
+
+    Args:
+        chain: the node, or another one of its network.
+        progress: is told the name of each stage.
+        root: what the reader knows of the chain; None: nothing, and that its blocks must be sealed.
+    Raises:
+        RunFolderError: a file of the folder is missing or does not fit.
+        ChainError: the chain is out of reach, or has no such contract.
+    """
+    run = read_run(folder)
+    report = audit_node(chain, run.summary.contract, progress, root=root)
+    report.subject = f"{folder}: {report.subject}"
+    compared = Compared(report)
+    _check_manifest(compared, folder, report)
+    found = Counter((name, args) for name, args in zip(run.events["name"], run.events["args"], strict=True))
+    for event in report.events:
+        compared.count("rows of the events table")
+        found[event.name, json.dumps(event.args)] -= 1
+    for (name, args), number in found.items():
+        if number:
+            compared.differs("events.parquet", f"{name} {args}", f"{number:+} rows", "as many as on the chain")
+    for key, value in over_the_run(run.metrics).items():
+        compared.count("summary entries")
+        if getattr(run.summary, key) != value:
+            compared.differs(SUMMARY, key, getattr(run.summary, key), value)
+    cids = {event.args["modelId"]: event.args["cid"] for event in report.events if event.name == "ModelRegistered"}
+    told = History([], cids={model: bytes.fromhex(cid[2:]) for model, cid in cids.items()})
+    _check_store(compared, run, told)
+    _check_page(compared, run)
+    report.unchecked += (
+        "every table but events.parquet, and the summary's counts: a network orders as it likes",
+        *UNCHECKED,
+    )
     return report
 
 

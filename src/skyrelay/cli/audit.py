@@ -21,7 +21,11 @@ def command(
     ] = None,
     chain: Annotated[
         list[str] | None,
-        typer.Option(metavar="URL", help="A node's JSON-RPC endpoint, in place of a folder.", show_default=False),
+        typer.Option(
+            metavar="URL",
+            help="A node's JSON-RPC endpoint, in place of a folder or its node.",
+            show_default=False,
+        ),
     ] = None,
     contract: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="The contract on that node.", show_default=False)
@@ -48,9 +52,11 @@ def command(
 ) -> int:
     """Rebuild every selection from the chain alone and name what differs: skyrelay audit out/bologna.
 
+    The folder of a run on a node is audited there, at the address that the folder names or at --chain URL.
+
     Exit status: 0 all agree, 1 something differs, 2 there is nothing to audit.
     """
-    from skyrelay.audit import audit_folder
+    from skyrelay.audit import audit_folder, audit_node_folder
     from skyrelay.chain.accounts import Keyring
     from skyrelay.chain.node.chain import NodeChain
     from skyrelay.chain.proof.audit import audit_node
@@ -61,7 +67,10 @@ def command(
 
     named = [] if validators is None else [address.strip() for address in validators.split(",")]
     root = TrustRoot.of(named, head, unsealed=unsealed)
-    if run_dir is not None and not chain and contract is None:
+    if run_dir is not None and contract is None and (urls := chain or _node_of(run_dir)):
+        node = NodeChain(urls, Keyring.ephemeral(), chain_id=chain_id, root=root)
+        report = audit_node_folder(run_dir, node, progress, root=root)
+    elif run_dir is not None and not chain and contract is None:
         if chain_id is not None or named or unsealed:
             raise UsageError("audit", str(run_dir), "a folder without --chain-id, --validators or --unsealed")
         report = audit_folder(run_dir, progress, head=root.head)
@@ -101,3 +110,14 @@ def command(
             typer.echo(f"  {what}")
     typer.echo("All agree." if report.agrees else f"{len(report.differences):,} differences.")
     return 0 if report.agrees else 1
+
+
+def _node_of(run_dir: Path) -> list[str]:
+    """The addresses of the node that a run was made on; none where it has the embedded chain's record."""
+    from skyrelay.runfolder.folder import CHAIN, SUMMARY
+    from skyrelay.runfolder.reader import read_summary
+
+    if (run_dir / CHAIN).exists() or not (run_dir / SUMMARY).is_file():
+        return []
+    url = read_summary(run_dir).chain_url
+    return [] if url is None else [one.strip() for one in url.split(",")]
