@@ -11,6 +11,7 @@ from typer.exceptions import TyperException
 
 import skyrelay
 from skyrelay.cli import (
+    agent,
     audit,
     baseline,
     chain_devnet,
@@ -26,6 +27,7 @@ from skyrelay.cli import (
     scenario,
     select,
     train,
+    up,
 )
 from skyrelay.core.errors import SkyRelayError
 
@@ -39,6 +41,8 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.command("run")(run.command)
+app.command("up")(up.command)
+app.command("agent")(agent.command)
 app.command("scenario")(scenario.command)
 app.command("report")(report.command)
 app.command("audit")(audit.command)

@@ -60,11 +60,11 @@ def command(
     if as_json:
         print_result(summary, as_json)
     else:
-        for name, line in _lines(summary, target):
+        for name, line in lines(summary, target):
             typer.echo(f"{name:<13} {line}")
 
 
-def _lines(s: Mapping[str, Any], folder: Path) -> Iterator[tuple[str, str]]:
+def lines(s: Mapping[str, Any], folder: Path) -> Iterator[tuple[str, str]]:
     """The summary for people."""
     yield "Vehicles", f"{s['vehicles']:,} connected, {s['vehicles_per_period']:,.0f} at a time"
     yield "UAVs", f"{s['uavs']:,} over {s['zones']} zones; {s['uavs_retired']} left with an empty battery"

@@ -57,7 +57,7 @@ class ProtocolError(SkyRelayError):
 
 
 class BusError(SkyRelayError):
-    """The message bus is out of reach, or a message does not fit it."""
+    """The bus or the world is out of reach, or a message does not fit."""
 
 
 class PositionError(SkyRelayError):

@@ -25,8 +25,7 @@ class ResolvedScenario(Scenario):
 def resolve(scenario: Scenario, grid: ZoneGrid) -> ResolvedScenario:
     """The scenario over a grid: the range where it has none, and the distance gate no further than it."""
     reach = scenario.fleet.range if scenario.fleet.range is not None else grid.side / 2
-    # Down to the contract's 0.1 m, so that what a vehicle takes for a candidate the contract does too.
-    gate = math.floor(min(scenario.selection.max_distance, reach) * 10) / 10
+    gate = _down_to_tenths(min(scenario.selection.max_distance, reach))
     sections = {name: getattr(scenario, name) for name in Scenario.model_fields}
     return ResolvedScenario(
         **sections
@@ -35,3 +34,12 @@ def resolve(scenario: Scenario, grid: ZoneGrid) -> ResolvedScenario:
             "selection": scenario.selection.model_copy(update={"max_distance": gate}),
         }
     )
+
+
+def _down_to_tenths(distance: float) -> float:
+    """Down to the contract's 0.1 m, so that what a vehicle takes for a candidate the contract does too.
+
+    What is there already stays, though ten times it may be a hair below a whole number: resolved twice is resolved.
+    """
+    nearest = round(distance, 1)
+    return nearest if math.isclose(nearest, distance, abs_tol=1e-9) else math.floor(distance * 10) / 10

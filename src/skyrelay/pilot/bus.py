@@ -10,6 +10,7 @@ import hashlib
 import heapq
 import itertools
 import json
+import queue
 import threading
 import time
 from collections import deque
@@ -23,6 +24,10 @@ from skyrelay.core.errors import BusError
 
 LONGEST_MESSAGE = 64 * 1024
 """Bytes; longer ones are neither sent nor taken."""
+LONGEST_QUESTION = 256 * LONGEST_MESSAGE
+"""Bytes of a question or an answer."""
+MOST_QUESTIONS = 1024
+"""That wait for their answer at one key; who asks more waits."""
 ANY_PORT = "tcp/127.0.0.1:0"
 
 
@@ -137,6 +142,44 @@ class Subscription:
             self._news.notify_all()
 
 
+class Asked:
+    """A question that is under way to whoever answers at a key."""
+
+    def __init__(self, replies: zenoh.Handler[zenoh.Reply]) -> None:
+        self._replies = replies
+
+    def answer(self) -> bytes | None:
+        """The first answer; None where nobody gave one.
+
+        Raises:
+            BusError: what was asked was refused, with the reason.
+        """
+        for reply in self._replies:
+            if reply.ok is not None:
+                return reply.ok.payload.to_bytes()
+            if reply.err is not None:
+                raise BusError("bus", reply.err.payload.to_bytes().decode("utf-8", "replace"), "an answer")
+        return None
+
+
+class Question:
+    """A question that waits for its answer."""
+
+    def __init__(self, query: zenoh.Query) -> None:
+        self._query = query
+        self.content = query.payload.to_bytes() if query.payload is not None else b""
+
+    def answer(self, content: bytes) -> None:
+        """Answer it."""
+        with self._query as query:
+            query.reply(query.key_expr, content)
+
+    def refuse(self, reason: str) -> None:
+        """Say why not."""
+        with self._query as query:
+            query.reply_err(reason.encode())
+
+
 class Bus:
     """A peer.
 
@@ -145,6 +188,7 @@ class Bus:
         connect: endpoints of peers to join by, e.g. ``tcp/192.0.2.1:7447``; tried again whenever a link breaks.
         listen: endpoints that others join by; on several hosts it must be an address that the others reach.
         weather: put on all that it takes.
+        lossless: hold up who publishes rather than drop what a hearer cannot take yet, as lock-step needs.
         patience: until the first link to one of ``connect`` stands [s].
     Raises:
         BusError: an endpoint is none, is taken, or nobody is there within ``patience``.
@@ -157,9 +201,12 @@ class Bus:
         listen: Sequence[str] = (ANY_PORT,),
         *,
         weather: Weather | None = None,
+        lossless: bool = False,
         patience: float = 10.0,
     ) -> None:
         self._name = name
+        # Otherwise a slow hearer shall not hold up the radio.
+        self._congestion = zenoh.CongestionControl.BLOCK if lossless else zenoh.CongestionControl.DROP
         self._weather = weather or Weather()
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._subscriptions: list[Subscription] = []
@@ -172,7 +219,7 @@ class Bus:
             "connect/endpoints": list(connect),
             "connect/timeout_ms": round(1000 * patience),
             "connect/exit_on_failure": True,
-            "transport/link/rx/max_message_size": 16 * LONGEST_MESSAGE,
+            "transport/link/rx/max_message_size": LONGEST_QUESTION,
         }
         for key, value in settings.items():
             config.insert_json5(key, json.dumps(value))
@@ -220,6 +267,16 @@ class Bus:
         self._subscriptions.append(subscription)
         return subscription
 
+    def ask(self, key: str, content: bytes, timeout: float) -> Asked:
+        """Ask whoever answers at a key; one that is gone, or silent for so long [s], gives no answer."""
+        return Asked(self._session.get(key, payload=content, timeout=timeout))
+
+    def answer(self, key: str) -> queue.Queue[Question]:
+        """Take the questions at a key, in their order."""
+        questions: queue.Queue[Question] = queue.Queue(MOST_QUESTIONS)
+        self._session.declare_queryable(key, lambda query: questions.put(Question(query)))
+        return questions
+
     def close(self) -> None:
         """Leave; the others see it."""
         for subscription in self._subscriptions:
@@ -238,7 +295,7 @@ class Bus:
         try:
             return self._session.declare_publisher(
                 key,
-                congestion_control=zenoh.CongestionControl.DROP,  # a slow hearer shall not hold up the radio
+                congestion_control=self._congestion,
                 express=True,  # news is worth more than packing
             )
         except zenoh.ZError as error:

@@ -38,8 +38,12 @@ class ReputationAuthority(Agent):
                 ]
             case Event("ReputationSet", args):
                 self._new.pop(args["member"], None)
-            case Event(_, args):
-                member = args.get("vehicle") or args["uav"]
-                if member in self._reputations:
-                    self._new[member] = None
+            case Event("VehicleRegistered", args):
+                self._note(args["vehicle"])
+            case Event("UAVRegistered", args):
+                self._note(args["uav"])
         return ()
+
+    def _note(self, member: str) -> None:
+        if member in self._reputations:
+            self._new[member] = None

@@ -114,15 +114,15 @@ class Host:
 
     def hear(self, beacons: Iterable[Beacon]) -> None:
         """Beacons, each to whom it is for: the UAV that a vehicle tells, or the other UAVs of a UAV's zone."""
-        tuned_in: dict[int, list[Agent]] = defaultdict(list)
+        tuned_in: dict[int, list[Agent | None]] = defaultdict(list)
         for agent in self.agents:
             if agent.tuned_in:
                 tuned_in[agent.tuned_in].append(agent)
         for beacon in beacons:
-            hearers = tuned_in[beacon.zone] if beacon.to is None else [self._named[beacon.to]]
-            for agent in hearers:
-                if agent.address != beacon.sender:
-                    agent.receive(beacon)
+            hearers = tuned_in[beacon.zone] if beacon.to is None else [self._named.get(beacon.to)]
+            for hearer in hearers:
+                if hearer is not None and hearer.address != beacon.sender:
+                    hearer.receive(beacon)
 
     # What goes out
 

@@ -82,6 +82,7 @@ class VehicleAgent(Agent):
         self._served_by: str | None = None
         self._table: VehicleTable | None = None
         self._zone = 0
+        self._closed = False  # the period before is over, and none has begun
 
     @property
     def state(self) -> VehicleState:
@@ -109,9 +110,10 @@ class VehicleAgent(Agent):
 
     def _at(self, tick: Tick) -> Sequence[Command]:
         match tick.phase:
-            case Phase.CLOSE if self.state not in _BOUND:
+            case Phase.CLOSE if self.state not in _BOUND and not self._closed:
                 self._end_period()
             case Phase.REPORT:
+                self._closed = False
                 return self._report()
             case Phase.PROPOSE if self.state in {VehicleState.IDLE, VehicleState.UNSERVED} and self._zone:
                 return (ReadZone(self._zone),)
@@ -152,12 +154,13 @@ class VehicleAgent(Agent):
                 self.uav = args["uav"]
             case "UAVAllocated" if args["uav"] == self.uav and self.state in _BOUND:
                 self._learn(self.address in args["selected"])
-            case "ZoneListsReset" if args["zone"] == self._zone and self.state in _BOUND:
+            case "ZoneListsReset" if args["zone"] == self._zone and not self._closed:
                 self._end_period()
 
     def _note_record(self, args: Mapping[str, Any]) -> None:
         """The record that the contract has now is what Algorithm 1 goes by."""
         self._zone = args["zone"]
+        self._closed = False
         # Algorithm 1 weighs the UAVs alone, so the vehicle's own reputation does not matter here.
         self._table = VehicleTable(
             ids=(self.name,),
@@ -183,6 +186,7 @@ class VehicleAgent(Agent):
 
     def _end_period(self) -> None:
         """resetListsForZone() has closed its zone's period, or it is over and there was nothing to close."""
+        self._closed = True
         self._served_by = self.uav if self.state is VehicleState.SERVED else None
         if self.machine.allows(VehicleMessage.RESET):
             self.machine.advance(VehicleMessage.RESET)

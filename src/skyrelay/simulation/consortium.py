@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
 
@@ -22,6 +22,8 @@ from skyrelay.store.cid import Cid
 from skyrelay.store.kubo import KuboStore
 from skyrelay.store.local import LocalStore
 from skyrelay.store.model_store import ModelStore
+
+PARTIES = ("administrator", "coordinator", "publisher", "reputation authority")
 
 
 class Hangar:
@@ -48,29 +50,27 @@ class Consortium:
     Args:
         scenario: resolved.
         folder: of the run.
+        elsewhere: addresses of the parties whose keys are not here, by name.
     """
 
-    def __init__(self, scenario: Scenario, folder: Path) -> None:
+    def __init__(self, scenario: Scenario, folder: Path, elsewhere: Mapping[str, str] | None = None) -> None:
         self._policies = _policies(scenario)
         url = scenario.store.url
         self.store: ModelStore = KuboStore(url) if url else LocalStore(folder / STORE)
         self.hangar = Hangar()
         self.chain = _open_chain(scenario.chain, folder)
-        self.administrator = self.account("administrator")
-        self.coordinator = self.account("coordinator")
-        self.publisher = self.account("publisher")
-        self.authority = self.account("reputation authority")
+        self._elsewhere = dict(elsewhere or {})
+        self.administrator, self.coordinator, self.publisher, self.authority = map(self.account, PARTIES)
         settings = Settings.of(scenario.selection, channels=len(self._policies[0].card.maps))
         self.client = IovClient.deploy(self.chain, settings, self.administrator)
 
     def account(self, name: str) -> str:
         """The address of a party or member."""
-        return self.chain.account(name)
+        return self._elsewhere.get(name) or self.chain.account(name)
 
     def parties(self) -> dict[str, str]:
         """Name and address of those with a role."""
-        names = ("administrator", "coordinator", "publisher", "reputation authority")
-        return {name: self.account(name) for name in names}
+        return {name: self.account(name) for name in PARTIES}
 
     @property
     def signer(self) -> Callable[[bytes], tuple[str, bytes]] | None:

@@ -100,14 +100,7 @@ def play(
         run.events += [(0, event) for event in consortium.client.events()]
         run.play(progress)
         progress.stage("Record", 1)
-        summary = run.summary() | {
-            "blocks": consortium.chain.block_number,
-            "chain_head": consortium.head,
-            "contract": consortium.client.address,
-            "wall_seconds": round(time.monotonic() - begin, 3),
-        }
-        run.record(folder, consortium.parties())
-        write_summary(folder, summary)
+        summary = run.write(folder, consortium, begin)
         finish(folder)
         write_manifest(folder, consortium.signer)
     return summary
@@ -281,10 +274,18 @@ class Run:
     def _name_of(self, address: str) -> str:
         return self.world.fleet.ids[self.uav_row[address]]
 
-    def record(self, folder: Path, parties: Mapping[str, str]) -> None:
-        """Write the tables; ``parties`` are the addresses of those with a role, by name."""
-        accounts = {"party": parties, "vehicle": self.vehicles, "uav": self.uavs}
+    def write(self, folder: Path, consortium: Consortium, begin: float) -> dict[str, Any]:
+        """Write the tables and the summary, and return this; ``begin`` is when the run began (`time.monotonic`)."""
+        accounts = {"party": consortium.parties(), "vehicle": self.vehicles, "uav": self.uavs}
         self.written.write(folder, self.events, accounts)
+        summary = self.summary() | {
+            "blocks": consortium.chain.block_number,
+            "chain_head": consortium.head,
+            "contract": consortium.client.address,
+            "wall_seconds": round(time.monotonic() - begin, 3),
+        }
+        write_summary(folder, summary)
+        return summary
 
     def summary(self) -> dict[str, Any]:
         """The figures of the run; see docs/reference/run-folder.md."""

@@ -1,0 +1,67 @@
+"""``skyrelay up``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from skyrelay.cli.ending import until_terminated
+from skyrelay.cli.options import Json, Override, Seed, print_result
+from skyrelay.cli.run import lines
+
+
+def command(
+    scenario: Annotated[str, typer.Argument(help="A built-in scenario or the path of a TOML file.")] = "bologna",
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Where the run folder goes.", show_default="runs/NAME-SEED"),
+    ] = None,
+    hosts: Annotated[
+        Path | None,
+        typer.Option("--hosts", metavar="DIR", help="Of the hosts' files and logs.", show_default="beside the run's"),
+    ] = None,
+    seed: Seed = None,
+    override: Override = None,
+    chain: Annotated[
+        str | None, typer.Option("--chain", metavar="URL", help="Use a node instead of a chain server of its own.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a run folder that is already there.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Play a scenario with every agent in a process: chain, store, bus, vehicles, UAVs, coordinator and world.
+
+    One line a process; Ctrl-C ends them all. What comes out is what `skyrelay run` gives.
+
+    \b
+    Examples:
+      skyrelay up
+      skyrelay up bologna --set coordination.steps=40
+    """
+    from skyrelay.cli.progress import ShownProgress
+    from skyrelay.core.scenario import load_scenario
+    from skyrelay.pilot.up import new_hosts_folder, up
+    from skyrelay.report import write_figures, write_report
+    from skyrelay.runfolder import new_run_folder
+
+    overrides = [*(override or ()), *([f"chain.url={chain}"] if chain else [])]
+    config = load_scenario(scenario, overrides, seed)
+    target = out or Path("runs") / f"{config.name}-{config.seed}"
+    beside = hosts or target.with_name(f"{target.name}-hosts")
+    with (
+        until_terminated(),
+        ShownProgress() as progress,
+        new_run_folder(target, replace=force) as folder,
+        new_hosts_folder(beside) as place,
+    ):
+        summary = up(config, folder, place, lambda line: typer.echo(line, err=True), progress)
+        progress.stage("Report", 2)
+        write_figures(folder)
+        progress.advance()
+        write_report(folder)
+    if as_json:
+        print_result(summary, as_json)
+    else:
+        for name, line in lines(summary, target):
+            typer.echo(f"{name:<13} {line}")

@@ -1,0 +1,188 @@
+"""What a host of agents is told by its file: who its members are, and where chain, store, bus and world are."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from skyrelay.airspace.law import Law
+from skyrelay.core.errors import UsageError
+from skyrelay.core.resolved import ResolvedScenario, resolve
+from skyrelay.core.scenario import load_scenario
+from skyrelay.core.zones import ZoneGrid
+from skyrelay.pilot.bus import ANY_PORT, Weather
+
+Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[\w.:-]+$")]
+Address = Annotated[str, Field(pattern=r"^0x[0-9a-f]{40}$")]
+Endpoint = Annotated[str, Field(pattern=r"^(tcp|tls|quic|unixsock-stream)/.+")]
+MAX_BYTES = 4 << 20
+"""A larger file is no configuration."""
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Area(_Table):
+    """The grid of zones; as `ZoneGrid`."""
+
+    x0: float
+    y0: float
+    side: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    columns: Annotated[int, Field(ge=1, le=1000)]
+    rows: Annotated[int, Field(ge=1, le=1000)]
+
+
+class ChainAccess(_Table):
+    """The contract, and the keys that speak to it."""
+
+    urls: Annotated[list[str], Field(min_length=1, max_length=20)] = Field(description="endpoints, the next in reserve")
+    chain_id: Annotated[int, Field(ge=1)] = Field(description="that every endpoint must have")
+    contract: Address
+    keystore: str = Field(description="of this host's members, encrypted")
+    confirmations: Annotated[int, Field(ge=0, le=1000)] = 0
+
+
+class StoreAccess(_Table):
+    """Where policies come from: a Kubo node, or a folder."""
+
+    url: str | None = None
+    path: str | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> StoreAccess:
+        if (self.url is None) == (self.path is None):
+            raise ValueError("either url or path")
+        return self
+
+
+class BusAccess(_Table):
+    """Where this host is reached on the bus, and by whom it finds the others."""
+
+    listen: list[Endpoint] = [ANY_PORT]
+    connect: list[Endpoint] = []
+    loss: Annotated[float, Field(ge=0, lt=1)] = Field(0.0, description="share of the beacons that are lost, for trials")
+    delay: Annotated[float, Field(ge=0, le=60)] = Field(0.0, description="of the others, for trials [s]")
+    seed: int = Field(0, description="of what is lost")
+
+    def weather(self) -> Weather:
+        """What is put on this host's beacons."""
+        return Weather(self.loss, self.delay, self.seed)
+
+
+class Vehicle(_Table):
+    """A vehicle of this host."""
+
+    name: Name
+    demand: Annotated[int, Field(ge=1, le=2**32 - 1)] = Field(description="[kbit/s]")
+    payment: Annotated[int, Field(ge=0, le=2**32 - 1)] = Field(description="[cents per Mbit/s]")
+
+
+class Uav(_Table):
+    """A UAV of this host."""
+
+    name: Name
+    zone: Annotated[int, Field(ge=1)] = Field(description="that it is stationed in")
+    bandwidth: Annotated[int, Field(ge=0, le=2**32 - 1)] = Field(description="that it offers in a period [kbit/s]")
+
+
+class Coordinator(_Table):
+    """What this host coordinates, and which newcomers it vouches for."""
+
+    zones: Annotated[list[Annotated[int, Field(ge=1)]], Field(max_length=1_000_000)] = []
+    reputations: dict[Address, Annotated[float, Field(ge=0, le=100)]] = {}
+
+
+class HostConfig(_Table):
+    """A host's whole file."""
+
+    name: Name = Field(description="of the host, as the world knows it")
+    scenario: str = Field(description="the scenario's file, in its area")
+    patience: Annotated[float, Field(gt=0, le=86400)] = Field(
+        60.0, description="without a word from the world for so long it is taken to have stopped [s]"
+    )
+    area: Area
+    chain: ChainAccess
+    store: StoreAccess
+    bus: BusAccess
+    vehicle: Annotated[list[Vehicle], Field(max_length=100_000)] = []
+    uav: Annotated[list[Uav], Field(max_length=100_000)] = []
+    coordinator: Coordinator = Coordinator()
+
+    def grid(self) -> ZoneGrid:
+        """Of the zones."""
+        return ZoneGrid(**dict(self.area))
+
+    def resolved(self) -> ResolvedScenario:
+        """The scenario in this area."""
+        return resolve(load_scenario(self.scenario), self.grid())
+
+    def law(self) -> Law:
+        """Of the area."""
+        return Law.of(self.resolved(), self.grid())
+
+
+def load_config(path: Path, members: Sequence[str] = ()) -> HostConfig:
+    """Read and check a host's file; relative paths in it start from its folder.
+
+    Args:
+        members: of those in the file, the ones to host; all where empty.
+    Raises:
+        UsageError: naming the first key that does not fit, or a member that is not in the file.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(MAX_BYTES + 1)
+        if len(content) > MAX_BYTES:
+            raise UsageError(path, f"over {MAX_BYTES} bytes", "a host's configuration")
+        tree: dict[str, Any] = tomllib.loads(content.decode("utf-8"))
+    except OSError as error:
+        raise UsageError(path, None, f"a readable TOML file ({error.strerror})") from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise UsageError(path, None, f"TOML ({error})") from error
+    try:
+        config = HostConfig.model_validate(tree)
+    except ValidationError as error:
+        raise _fault(path, error) from None
+    config = _placed(config, path.resolve().parent)
+    if not members:
+        return config
+    known = {vehicle.name for vehicle in config.vehicle} | {uav.name for uav in config.uav}
+    for name in members:
+        if name not in known:
+            raise UsageError("--members", name, f"a member in {path}")
+    wanted = set(members)
+    return config.model_copy(
+        update={
+            "vehicle": [member for member in config.vehicle if member.name in wanted],
+            "uav": [member for member in config.uav if member.name in wanted],
+        }
+    )
+
+
+def _placed(config: HostConfig, folder: Path) -> HostConfig:
+    chain, store = config.chain, config.store
+    return config.model_copy(
+        update={
+            "scenario": str(folder / config.scenario),
+            "chain": chain.model_copy(update={"keystore": str(folder / chain.keystore)}),
+            "store": store if store.path is None else store.model_copy(update={"path": str(folder / store.path)}),
+        }
+    )
+
+
+def _fault(path: Path, error: ValidationError) -> UsageError:
+    faults = error.errors()
+    first = faults[0]
+    key = ".".join(str(part) for part in first["loc"])
+    more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+    if first["type"] == "extra_forbidden":
+        return UsageError(f"{path}: {key}", None, f"a known key{more}")
+    if first["type"] == "missing":
+        return UsageError(f"{path}: {key}", None, f"a value{more}")
+    expected = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    return UsageError(f"{path}: {key}", first["input"], expected + more)

@@ -1,0 +1,320 @@
+"""A world that is the clock: it asks every host of agents what it does at a tick, and goes on when all have."""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+
+from skyrelay.chain.abi import Event
+from skyrelay.chain.accounts import Keyring
+from skyrelay.chain.client import IovClient
+from skyrelay.core.errors import BusError
+from skyrelay.pilot.bus import Asked, Bus, uav_key, vehicle_key
+from skyrelay.pilot.wire import ChoiceMessage, Reply, TickMessage, decode, topic
+from skyrelay.protocol.beacon import BeaconGate, Session
+from skyrelay.protocol.host import Host
+from skyrelay.protocol.messages import Beacon, Fix, Phase, Tick
+from skyrelay.protocol.vehicle import Choice
+from skyrelay.protocol.zone_view import ZoneView, read_zone
+from skyrelay.store.cid import Cid
+
+ANSWER = 120.0
+"""A host that works on a tick for longer than this is taken to be gone [s]."""
+BEACONS = 2.0
+"""A beacon that is not there so long after all were sent is lost [s]."""
+SESSION = 86400.0
+"""How long a member vouches for a key that signs its beacons [s]."""
+TOGETHER = frozenset({Phase.BEACON, Phase.DECIDE})
+"""Phases in which hosts are asked at once; in the others one after the other, as what they write has an order."""
+
+
+class RemoteHosts:
+    """The hosts of a run's agents, elsewhere (`skyrelay.simulation.run.Hosts`).
+
+    Args:
+        contract: its address, which names the run on the bus.
+        members: addresses of each host's members, by the host's name, in the order in which hosts are asked.
+        client: to read the contract with.
+        heard: is called with every event of the contract.
+        notice: is called with a line when a host goes or comes.
+        wait: how long the world stands still for a host that does not answer, before it goes on without it [s].
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        contract: str,
+        members: Mapping[str, Sequence[str]],
+        client: IovClient,
+        heard: Callable[[Event], None],
+        notice: Callable[[str], None],
+        wait: float = 30.0,
+    ) -> None:
+        self._bus, self._contract, self._client = bus, contract, client
+        self._heard, self._notice, self._wait = heard, notice, wait
+        self._members = {name: list(addresses) for name, addresses in members.items()}
+        self._replies: dict[str, Reply] = {name: Reply() for name in members}
+        self._fixes: dict[str, Fix] = {}
+        self._untold: dict[str, set[str]] = {name: set() for name in members}
+        self._gone: set[str] = set()
+        self._sent: dict[str, Mapping[str, int]] = {}
+        self._moves: dict[str, int] = {}
+        self._choices: dict[str, Choice] = {}
+        self._next_block = 0
+
+    @property
+    def transactions(self) -> int:
+        """Mined for the agents that live now."""
+        return sum(reply.transactions for reply in self._replies.values())
+
+    @property
+    def gas_used(self) -> int:
+        """By these transactions."""
+        return sum(reply.gas_used for reply in self._replies.values())
+
+    @property
+    def chain_seconds(self) -> float:
+        """That the hosts waited for the chain [s]."""
+        return sum(reply.chain_seconds for reply in self._replies.values())
+
+    def gather(self, patience: float, check: Callable[[str], None]) -> None:
+        """Wait until every host is there.
+
+        Args:
+            patience: for all of them together [s].
+            check: is called with the name of a host that is not there yet; may raise.
+        Raises:
+            BusError: one is not there in time.
+        """
+        until = time.monotonic() + patience
+        for name in self._members:
+            while self._bus.ask(host_key(self._contract, name), b"", ANSWER).answer() is None:
+                check(name)
+                if time.monotonic() > until:
+                    raise BusError("bus", None, f"host {name} within {patience:g} s")
+                time.sleep(0.05)
+
+    def tell(self, fixes: Mapping[str, Fix]) -> None:
+        """New positions, by address; they go out with the next tick."""
+        self._fixes = dict(fixes)
+        for name, addresses in self._members.items():
+            self._untold[name] = {address for address in addresses if address in fixes}
+
+    def tick(self, tick: Tick, timestamp: int) -> None:  # noqa: ARG002  (a network has its own clock)
+        """The clock, to all hosts; returns when all have answered, or are given up."""
+        if tick.phase is Phase.BEACON:
+            self._sent.clear()
+        if tick.phase is Phase.CLOSE:
+            self._choices.clear()
+        if tick.phase in TOGETHER:
+            asked = [(name, self._ask(name, tick)) for name in self._members]
+            for name, question in asked:
+                self._take(name, tick, question)
+        else:
+            for name in self._members:
+                self._take(name, tick, self._ask(name, tick))
+        self._read()
+
+    def spread(self) -> None:
+        """Nothing: beacons go from host to host over the bus."""
+
+    def take_moves(self) -> dict[str, int]:
+        """The actions of the UAVs that have decided since this was last called, by address."""
+        moves, self._moves = self._moves, {}
+        return moves
+
+    def choices(self) -> dict[str, Choice]:
+        """What Algorithm 1 gave the vehicles in this period, by address."""
+        return self._choices
+
+    def view(self, zone: int) -> ZoneView | None:
+        """A zone as the chain has it at the latest block."""
+        return read_zone(self._client, zone)
+
+    def cid_of(self, model: str) -> Cid:
+        """Where a model's bytes are, by the contract."""
+        return Cid.from_bytes(self._client.model(model).cid, f"model {model}")
+
+    # Within
+
+    def _ask(self, name: str, tick: Tick) -> Asked:
+        fixes = {address: self._fixes[address] for address in self._untold[name]}
+        sent: Counter[str] = Counter()
+        for other, counts in self._sent.items():
+            if other != name and tick.phase is Phase.DECIDE:
+                sent.update(counts)
+        message = TickMessage.of(tick, fixes, sent)
+        return self._bus.ask(host_key(self._contract, name), message.encode(), ANSWER)
+
+    def _take(self, name: str, tick: Tick, asked: Asked) -> None:
+        """A host's answer; one that does not answer is waited for, and then left behind until it answers again."""
+        reply = self._first(name, asked)
+        until = time.monotonic() + (0.0 if name in self._gone else self._wait)
+        if reply is None and name not in self._gone:
+            self._notice(f"{name} does not answer at step {tick.step}, {tick.phase.name}: waiting {self._wait:g} s")
+            self._untold[name] = {address for address in self._members[name] if address in self._fixes}
+        while reply is None and time.monotonic() < until:
+            time.sleep(0.1)
+            reply = self._first(name, self._ask(name, tick))
+        if reply is None:
+            if name not in self._gone:
+                self._notice(f"{name} is gone; the others go on")
+            self._gone.add(name)
+            self._untold[name] = {address for address in self._members[name] if address in self._fixes}
+            return
+        if name in self._gone:
+            self._gone.remove(name)
+            self._notice(f"{name} is back at step {tick.step}, {tick.phase.name}")
+        self._untold[name] = set()
+        self._replies[name] = reply
+        self._moves |= reply.moves
+        self._choices |= reply.read_choices()
+        if tick.phase is Phase.BEACON:
+            self._sent[name] = reply.sent
+
+    def _first(self, name: str, asked: Asked) -> Reply | None:
+        """A host's answer; None where it gave none that can be read."""
+        try:
+            content = asked.answer()
+            return None if content is None else decode(Reply, content)
+        except BusError as error:
+            self._notice(f"{name}: {error}")
+            return None
+
+    def _read(self) -> None:
+        last = self._client.chain.block_number
+        if last >= self._next_block:
+            for event in self._client.events(self._next_block, last):
+                self._heard(event)
+            self._next_block = last + 1
+
+
+def host_key(contract: str, name: str) -> str:
+    """Where a host is asked."""
+    return f"skyrelay/{contract}/host/{name}"
+
+
+class Radio:
+    """Signed beacons over the bus, to and from the UAVs of this host.
+
+    Args:
+        contract: address and chain id of the contract that knows the members.
+        keyring: of this host's members.
+        zones: of this host's UAVs, by their address.
+        patience: beyond this age a beacon is stale [s].
+
+    Attributes:
+        gate: counts what it lets in and what it drops.
+    """
+
+    def __init__(
+        self, bus: Bus, contract: tuple[str, int], keyring: Keyring, zones: Mapping[str, int], patience: float
+    ) -> None:
+        self._uavs: set[str] = set()
+        self._vehicles: set[str] = set()
+        self._topics = {*map(str, zones.values()), *zones}
+        self.gate = BeaconGate(contract, self._uavs, self._vehicles, set(zones.values()), patience=patience)
+        self._bus, self._contract, self._keyring = bus, contract, keyring
+        self._senders: dict[str, Session] = {}
+        self._own: list[Beacon] = []
+        address = contract[0]
+        keys = [uav_key(address, zone) for zone in sorted(set(zones.values()))]
+        self._heard = [bus.subscribe(key) for key in [*keys, *(vehicle_key(address, uav) for uav in zones)]]
+        self._lost = 0
+
+    def note(self, event: Event) -> None:
+        """A member that the chain knows may be heard."""
+        match event.name:
+            case "UAVRegistered":
+                self._uavs.add(event.args["uav"])
+            case "VehicleRegistered":
+                self._vehicles.add(event.args["vehicle"])
+
+    def send(self, beacons: Sequence[Beacon]) -> Counter[str]:
+        """Beacons to those around; how many on each topic."""
+        self._own += beacons
+        for beacon in beacons:
+            sender = beacon.sender
+            if sender not in self._senders:
+                vouch = partial(self._keyring.vouch, sender)
+                self._senders[sender] = Session(sender, self._contract, vouch, beacon.time, SESSION)
+            address = self._contract[0]
+            key = vehicle_key(address, beacon.to, sender) if beacon.to else uav_key(address, beacon.zone, sender)
+            self._bus.publish(key, self._senders[sender].seal(beacon))
+        return Counter(map(topic, beacons))
+
+    def take(self, now: float, sent: Mapping[str, int]) -> list[Beacon]:
+        """What has been heard, once as many of this moment are there as others sent, or no more come.
+
+        Args:
+            now: on the world's clock [s].
+            sent: by others, on each topic.
+        """
+        wanted = sum(count for name, count in sent.items() if name in self._topics)
+        until = time.monotonic() + BEACONS
+        raw: list[bytes] = []
+        while True:
+            for subscription in self._heard:
+                raw += [arrival.content for arrival in subscription.take()]
+            lost = sum(subscription.lost for subscription in self._heard)
+            if len(raw) + lost - self._lost >= wanted or time.monotonic() > until:
+                break
+            time.sleep(0.001)
+        self._lost = lost
+        own, self._own = self._own, []
+        return own + [beacon for content in raw if (beacon := self.gate.admit(content, now)) is not None]
+
+
+def serve(host: Host, bus: Bus, contract: str, name: str, radio: Radio, patience: float) -> None:
+    """Answer the world's ticks until it stops asking.
+
+    Args:
+        patience: without a tick for so long the world is taken to have stopped [s].
+    Raises:
+        BusError: the world has stopped.
+    """
+    questions = bus.answer(host_key(contract, name))
+    while True:
+        try:
+            question = questions.get(timeout=patience)
+        except queue.Empty:
+            raise BusError("world", f"silent for {patience:g} s", "a world that goes on") from None
+        if not question.content:  # whether we are here
+            question.answer(b"")
+            continue
+        try:
+            message = decode(TickMessage, question.content)
+            tick = message.tick()
+        except BusError as error:
+            question.refuse(str(error))
+            continue
+        try:
+            reply = _work(host, radio, message, tick)
+        except Exception as error:
+            question.refuse(str(error))
+            raise
+        question.answer(reply.encode())
+
+
+def _work(host: Host, radio: Radio, message: TickMessage, tick: Tick) -> Reply:
+    """What the agents here do at a tick."""
+    host.tell(message.read_fixes())
+    if tick.phase is Phase.DECIDE:
+        host.hear(radio.take(tick.time, message.sent))
+    host.tick(tick)
+    sent = radio.send(host.take_beacons())
+    choices = host.choices() if tick.phase is Phase.PROPOSE else {}
+    return Reply(
+        moves=host.take_moves(),
+        choices={
+            address: ChoiceMessage(uav=choice.uav, qou=choice.qou, weighed=choice.weighed)
+            for address, choice in choices.items()
+        },
+        sent=dict(sent),
+        transactions=host.transactions,
+        gas_used=host.gas_used,
+        chain_seconds=host.chain_seconds,
+    )

@@ -1,0 +1,202 @@
+"""Everything on this machine: a chain, a store, a bus, a process for each kind of agent, and the world as the clock."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import requests
+import tomli_w
+
+from skyrelay.chain.accounts import PASSWORD, Keyring
+from skyrelay.core.errors import ChainError, UsageError
+from skyrelay.core.files import write_text
+from skyrelay.core.progress import Progress
+from skyrelay.core.scenario import Scenario, to_toml
+from skyrelay.pilot.bus import Bus
+from skyrelay.pilot.lockstep import RemoteHosts
+from skyrelay.pilot.processes import Children
+from skyrelay.runfolder.folder import CHAIN, SCENARIO
+from skyrelay.simulation.consortium import Consortium
+from skyrelay.simulation.run import Run
+from skyrelay.simulation.world import World
+
+START = 60.0
+"""What is not ready after so long does not start [s]."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """One process that hosts agents: the kind, the host's name, its keys, and its part of the file."""
+
+    kind: str
+    name: str
+    keyring: Keyring
+    table: dict[str, Any]
+
+
+def up(
+    scenario: Scenario,
+    folder: Path,
+    hosts: Path,
+    say: Callable[[str], None],
+    progress: Progress,
+    *,
+    wait: float = 30.0,
+) -> dict[str, Any]:
+    """Start all of it, play the scenario in lock-step, and leave a run folder as `skyrelay.simulation.play` does.
+
+    Args:
+        folder: of the run.
+        hosts: where each process finds its configuration and keystore, and leaves its log.
+        say: is called with every line about a process.
+        wait: how long the world stands still for a host that does not answer [s].
+    Returns: the summary, as in ``summary.json``.
+    Raises:
+        TraceError, ModelError, StoreError, ChainError, BusError: naming what was wrong with what.
+    """
+    begin = time.monotonic()
+    progress.stage("Vehicles", 1)
+    world = World.of(scenario)
+    write_text(hosts / "scenario.toml", to_toml(world.scenario))
+    progress.stage("Chain and keys", 1)
+    password = secrets.token_urlsafe(32)
+    with ExitStack() as stack:
+        endpoint = f"tcp/127.0.0.1:{free_port()}"
+        bus = stack.enter_context(Bus("world", listen=[endpoint]))  # left last: who ends takes leave of it
+        children = stack.enter_context(Children(hosts, {PASSWORD: password}, say))
+        url = scenario.chain.url
+        if url is None:
+            port = free_port()
+            url = f"http://127.0.0.1:{port}"
+            children.start("chain", ["chain", "serve", "--state", str(folder / CHAIN), "--listen", f"127.0.0.1:{port}"])
+            _wait_for_chain(url, children)
+        places = _places(world, hosts, password)
+        accounts = _accounts(places)
+        founded = world.scenario.model_copy(
+            update={"chain": world.scenario.chain.model_copy(update={"url": url, "keystore": None})}
+        )
+        write_text(folder / SCENARIO, to_toml(founded))
+        consortium = stack.enter_context(Consortium(founded, folder, elsewhere=accounts))
+        consortium.found()
+        for place in places:
+            path = _write_config(place, world, consortium, hosts, url, endpoint)
+            children.start(place.name, ["agent", place.kind, "--config", str(path)], again=True)
+        run = Run(world, consortium.account)
+        members = {place.name: _addresses(place) for place in places}
+        run.hosts = remote = RemoteHosts(
+            bus, consortium.client.address, members, consortium.client, run.hear, say, wait
+        )
+        remote.gather(START, children.check)
+        run.play(progress)
+        progress.stage("Record", 1)
+        return run.write(folder, consortium, begin)
+
+
+@contextmanager
+def new_hosts_folder(path: Path) -> Iterator[Path]:
+    """An empty folder for the hosts' files, which stay for who wants to read their logs; the keys in it do not.
+
+    Raises:
+        UsageError: something is at ``path`` that no run of this kind left.
+    """
+    left = {".log", ".toml", ".keystore"}
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        for file in path.iterdir():
+            if file.suffix not in left:
+                raise UsageError(path, file.name, "a folder for the hosts' files, with nothing else in it")
+        for file in path.iterdir():
+            file.unlink()
+    except OSError as error:
+        raise UsageError(path, None, f"a place for the hosts' files ({error.strerror})") from error
+    try:
+        yield path
+    finally:
+        for file in path.glob("*.keystore"):
+            file.unlink()
+
+
+def free_port() -> int:
+    """A TCP port of loopback that nobody listens at now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def _wait_for_chain(url: str, children: Children) -> None:
+    until = time.monotonic() + START
+    question = [{"jsonrpc": "2.0", "id": 1, "method": "eth_chainId", "params": []}]
+    while time.monotonic() < until:
+        children.check("chain")
+        try:
+            if requests.post(url, json=question, timeout=5).ok:
+                return
+        except requests.RequestException:
+            time.sleep(0.05)
+    raise ChainError(url, None, f"the chain server to answer within {START:g} s; its log tells why it does not")
+
+
+def _places(world: World, hosts: Path, password: str) -> list[Place]:
+    """A host for the vehicles, one for the UAVs, and one for the zones' coordinator, each with keys of its own."""
+    members, fleet = world.members, world.fleet
+    vehicles = zip(world.tracks.ids, members.demand.tolist(), members.payment.tolist(), strict=True)
+    uavs = zip(fleet.ids, fleet.zone.tolist(), fleet.bandwidth.tolist(), strict=True)
+    tables: dict[str, dict[str, Any]] = {
+        "vehicle": {"vehicle": [{"name": name, "demand": demand, "payment": pay} for name, demand, pay in vehicles]},
+        "uav": {"uav": [{"name": name, "zone": zone, "bandwidth": bandwidth} for name, zone, bandwidth in uavs]},
+        "coordinator": {"coordinator": {"zones": list(world.law.grid.ids)}},
+    }
+    names = {"vehicle": "vehicles", "uav": "uavs", "coordinator": "coordinator"}
+    places = [
+        Place(kind, names[kind], Keyring.create(hosts / f"{names[kind]}.keystore", password), table)
+        for kind, table in tables.items()
+    ]
+    tables["coordinator"]["coordinator"]["reputations"] = world.reputations(_accounts(places).__getitem__)
+    return places
+
+
+def _accounts(places: Sequence[Place]) -> dict[str, str]:
+    """Addresses by name."""
+    return {name: place.keyring.account(name) for place in places for name in _names(place)}
+
+
+def _names(place: Place) -> list[str]:
+    """The names that a place has keys for."""
+    if place.kind == "coordinator":
+        return ["coordinator", "reputation authority"]
+    return [member["name"] for member in place.table[place.kind]]
+
+
+def _addresses(place: Place) -> list[str]:
+    return [place.keyring.account(name) for name in _names(place)]
+
+
+def _write_config(place: Place, world: World, consortium: Consortium, hosts: Path, url: str, bus: str) -> Path:
+    """The file that a place's process is started with."""
+    store_url = world.scenario.store.url
+    config = {
+        "name": place.name,
+        "scenario": "scenario.toml",
+        "area": asdict(world.law.grid),
+        "chain": {
+            "urls": [url],
+            "chain_id": consortium.chain.chain_id,
+            "contract": consortium.client.address,
+            "keystore": f"{place.name}.keystore",
+            "confirmations": world.scenario.chain.confirmations,
+        },
+        "store": {"url": store_url} if store_url else {"path": consortium.store.place.removeprefix("store ")},
+        "bus": {"connect": [bus]},
+        **place.table,
+    }
+    path = hosts / f"{place.name}.toml"
+    write_text(path, tomli_w.dumps(config))
+    return path
