@@ -54,7 +54,7 @@ def test_one_that_is_started_again_stands_where_the_chain_says(town):
     for lived, began in zip(town.agents, again, strict=True):
         if lived.state is UavState.FLYING:
             assert began.state is UavState.SELECTED
-            (wish,) = began.receive(Tick(Phase.DECIDE))
+            _, wish = began.receive(Tick(Phase.BEACON))
             assert wish.model == town.client.model_of_zone(lived.tuned_in).model_id
         elif lived.state is VehicleState.UNSERVED:
             assert began.state in {VehicleState.IDLE, VehicleState.UNSERVED}

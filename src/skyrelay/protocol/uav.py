@@ -128,11 +128,12 @@ class UavAgent(Agent):
             case Phase.BEACON if self._zone:
                 fix = self._fix
                 beacon = Beacon(self.address, self._zone, None, fix.position, tick.time, fix.speed, fix.battery)
+                if self.state is UavState.SELECTED and self._model is not None:
+                    # One that was started again has its policy to load before it can fly.
+                    return (SendBeacon(beacon), ReadModel(self._model))
                 return (SendBeacon(beacon),)
             case Phase.DECIDE if self.state is UavState.FLYING and self.policy is not None:
                 return (Decide(self.policy, self._sight(tick.time)),)
-            case Phase.DECIDE if self.state is UavState.SELECTED and self._model is not None:
-                return (ReadModel(self._model),)  # the answer was lost with the agent that asked before
         return ()
 
     def _record(self, zone: int = 0) -> UavRecord:

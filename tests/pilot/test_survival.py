@@ -1,0 +1,130 @@
+"""What happens to agents: they are killed, and told wrong things; the others go on, and so do they."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import threading
+import time
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+import requests
+from town_of_processes import decided, sets, skyrelay
+
+from skyrelay.core.errors import BusError
+from skyrelay.pilot.bus import Bus
+from skyrelay.pilot.lockstep import serve
+
+WAIT = 120.0
+
+
+class Up:
+    """A running `skyrelay up`, whose processes can be found and killed."""
+
+    def __init__(self, folder, *overrides):
+        self.folder, self.lines = folder, []
+        self.process = skyrelay("up", "--out", folder, *sets(*overrides), stderr=subprocess.PIPE)
+        self._reader = threading.Thread(target=lambda: self.lines.extend(self.process.stderr))
+        self._reader.start()
+
+    def pid(self, name):
+        """Of the process that runs under a name now."""
+        found = [match[1] for line in list(self.lines) if (match := re.match(rf"{name} +process (\d+)", line))]
+        return int(found[-1]) if found else None
+
+    def wait_for(self, happened):
+        until = time.monotonic() + WAIT
+        while not (found := happened()):
+            assert time.monotonic() < until, self.lines
+            assert self.process.poll() is None, self.lines
+            time.sleep(0.02)
+        return found
+
+    def wait_for_block(self, number):
+        file = self.folder.with_name(f"{self.folder.name}-hosts") / "uavs.toml"
+        self.wait_for(lambda: self.pid("coordinator") and file.is_file())
+        url = json.loads(re.search(r"urls = (\[[^\]]*\])", file.read_text())[1].replace(",\n", "\n"))[0]
+        ask = [{"jsonrpc": "2.0", "id": 1, "method": "eth_blockNumber", "params": []}]
+        self.wait_for(lambda: int(requests.post(url, json=ask, timeout=5).json()[0]["result"], 16) >= number)
+
+    def kill(self, name):
+        os.kill(self.pid(name), signal.SIGKILL)
+
+    def end(self):
+        status = self.process.wait(300)
+        self._reader.join()
+        assert status == 0, self.lines
+
+
+def audited(folder):
+    audit = skyrelay("audit", folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    told, _ = audit.communicate(timeout=120)
+    assert audit.returncode == 0, told
+
+
+@pytest.mark.parametrize(("block", "names"), [(9, ["vehicles", "coordinator"]), (12, ["uavs"]), (16, ["coordinator"])])
+def test_whoever_is_killed_is_back_and_no_selection_is_lost_or_doubled(run_folder, tmp_path, block, names):
+    """What a beacon lost meanwhile changes is where a UAV flies, so only the first period must be as without kills."""
+    up = Up(tmp_path / "up")
+    up.wait_for_block(block)
+    for name in names:
+        up.kill(name)
+    up.end()
+    assert sum("started again" in line for line in up.lines) == len(names)
+    one, many = (decided(folder)["proposals"] for folder in (run_folder, tmp_path / "up"))
+    assert [row for row in many if row["period"] == 0] == [row for row in one if row["period"] == 0]
+    asked = [(row["period"], row["round"], row["vehicle"]) for row in many]
+    assert len(set(asked)) == len(asked)
+    assert {row["period"] for row in many if row["accepted"]} == {0, 1, 2}
+    uavs = pq.read_table(tmp_path / "up" / "uavs.parquet").to_pandas()
+    assert (uavs[uavs.selected & (uavs.step > 16)].action != 0).any()
+    audited(tmp_path / "up")
+
+
+def bad(tmp_path, text, old, new):
+    """A host's file with one thing wrong."""
+    assert old in text
+    file = tmp_path / "bad.toml"
+    file.write_text(text.replace(old, new, 1))
+    return file
+
+
+def test_what_is_wrong_with_a_host_is_one_clear_line(tmp_path):
+    """Each fault in turn, against a chain that runs; the last words are the only ones, and the status is 2."""
+    up = Up(tmp_path / "up", "coordination.steps=290")
+    up.wait_for_block(12)
+    hosts = tmp_path / "up-hosts"
+    text = (hosts / "uavs.toml").read_text().replace('"uavs.keystore"', f'"{hosts}/uavs.keystore"')
+    text = text.replace('"scenario.toml"', f'"{hosts}/scenario.toml"')
+    environment = os.environ | {"SKYRELAY_KEYSTORE_PASSWORD": "wrong"}
+    pairs = Path(f"/proc/{up.pid('uavs')}/environ").read_text().split("\0")
+    right = dict(pair.split("=", 1) for pair in pairs if "=" in pair)
+    faults = [
+        (text, environment, "keystore and its password"),
+        (bad(tmp_path, text, "bandwidth", "bandwith").read_text(), right, "a known key|a value"),
+        (bad(tmp_path, text, "chain_id = 31337", "chain_id = 1").read_text(), right, "another network"),
+        (bad(tmp_path, text, 'contract = "0x', 'contract = "0xg').read_text(), right, "contract"),
+        (re.sub(r'contract = "0x\w+"', f'contract = "0x{"1" * 40}"', text), right, "a contract's address"),
+        (re.sub(r"tcp/127.0.0.1:\d+", "tcp/127.0.0.1:9", text), right, "a peer that answers"),
+        (re.sub(r"http://127.0.0.1:\d+", "http://127.0.0.1:9", text), right, "chain|node"),
+        (text.replace("side = ", "side = -"), right, "greater than 0"),
+    ]
+    for number, (content, variables, wanted) in enumerate(faults):
+        file = tmp_path / f"fault{number}.toml"
+        file.write_text(content)
+        agent = skyrelay("agent", "uav", "--config", file, stderr=subprocess.PIPE, env=variables)
+        _, told = agent.communicate(timeout=120)
+        assert agent.returncode == 2, told
+        assert re.search(wanted, told), told
+        assert len(told.strip().splitlines()) == 1, told
+    up.process.send_signal(signal.SIGINT)
+    assert up.process.wait(60) == 130
+    up._reader.join()
+
+
+def test_a_world_that_stops_ends_its_hosts_with_one_line():
+    with Bus("lonely") as bus, pytest.raises(BusError, match=r"world: is 'silent for 0.2 s'; expected a world that"):
+        serve(None, bus, "0x0", "uavs", None, patience=0.2)
