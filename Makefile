@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 PYTEST := $(BIN)/python -m pytest
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check test-browser test-evm test-gpsd test-contracts test-nodes test-sumo test-peers test-all nodes peers bench clean
+.PHONY: help setup run test check test-browser test-evm test-gpsd test-contracts test-nodes test-hosts test-sumo test-peers test-all nodes peers bench clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -24,7 +24,7 @@ run: $(READY) ## play the whole system on the Bologna trace; ends in out/bologna
 	@$(BIN)/skyrelay run bologna --out out/bologna --force
 
 test: $(READY) ## all tests that need Python alone
-	$(PYTEST) -n 2 --dist loadgroup -m "not browser and not contracts and not gpsd and not nodes and not evm"
+	$(PYTEST) -n 2 --dist loadgroup -m "not browser and not contracts and not gpsd and not nodes and not evm and not hosts"
 
 check: $(READY) ## lint, format, types, layers
 	$(BIN)/ruff check .
@@ -71,6 +71,9 @@ nodes: ## build Kubo, go-ethereum and GoQuorum into .tools/bin (needs Go; minute
 
 test-nodes: $(READY) nodes ## real validators and real IPFS nodes on loopback
 	$(PYTEST) -m nodes -n 4 --dist loadgroup
+
+test-hosts: $(READY) ## five hosts in network namespaces, one cut off and back (root)
+	timeout 900 $(PYTEST) -m hosts
 
 # SUMO is half a gigabyte: an environment of its own.
 $(VENV)/sumo/.ready: pyproject.toml constraints.txt

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from skyrelay.cli.agent import Kind
 from skyrelay.cli.ending import until_terminated
 from skyrelay.cli.options import Json, Override, Seed, print_result
 from skyrelay.cli.run import lines
@@ -27,6 +28,19 @@ def command(
     chain: Annotated[
         str | None, typer.Option("--chain", metavar="URL", help="Use a node instead of a chain server of its own.")
     ] = None,
+    address: Annotated[
+        str, typer.Option("--address", metavar="IP", help="Of this machine, where chain and bus are reached.")
+    ] = "127.0.0.1",
+    elsewhere: Annotated[
+        list[Kind] | None,
+        typer.Option("--elsewhere", help="A kind of host that is started by hand, on this machine or another."),
+    ] = None,
+    uav_hosts: Annotated[
+        int, typer.Option("--uav-hosts", min=1, metavar="N", help="How many processes share the UAVs.")
+    ] = 1,
+    wait: Annotated[
+        float, typer.Option("--wait", min=0.0, metavar="S", help="How long the world stands still for a lost host [s].")
+    ] = 30.0,
     force: Annotated[bool, typer.Option("--force", help="Replace a run folder that is already there.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -55,7 +69,17 @@ def command(
         new_run_folder(target, replace=force) as folder,
         new_hosts_folder(beside) as place,
     ):
-        summary = up(config, folder, place, lambda line: typer.echo(line, err=True), progress)
+        summary = up(
+            config,
+            folder,
+            place,
+            lambda line: typer.echo(line, err=True),
+            progress,
+            address=address,
+            elsewhere=[kind.value for kind in elsewhere or ()],
+            uav_hosts=uav_hosts,
+            wait=wait,
+        )
         progress.stage("Report", 2)
         write_figures(folder)
         progress.advance()

@@ -45,13 +45,13 @@ class Children:
         self._watchers.append(watcher)
 
     def check(self, name: str) -> None:
-        """Raise if a child has ended.
+        """Raise if a child has ended; what was never started here has not.
 
         Raises:
             SkyRelayError: with the last line of its log.
         """
-        process = self._running[name]
-        if process.poll() is not None:
+        process = self._running.get(name)
+        if process is not None and process.poll() is not None:
             ended = f"ended with status {process.returncode}"
             raise SkyRelayError(name, ended, f"a process that runs ({self._last(name)})")
 

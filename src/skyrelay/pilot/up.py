@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 import socket
 import time
@@ -11,10 +12,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import requests
 import tomli_w
 
 from skyrelay.chain.accounts import PASSWORD, Keyring
+from skyrelay.chain.node.chain import NodeChain
 from skyrelay.core.errors import ChainError, UsageError
 from skyrelay.core.files import write_text
 from skyrelay.core.progress import Progress
@@ -29,6 +30,10 @@ from skyrelay.simulation.world import World
 
 START = 60.0
 """What is not ready after so long does not start [s]."""
+LATEST = 3600.0
+"""So long the hosts may take that people start elsewhere [s]."""
+LOOPBACK = "127.0.0.1"
+TOKEN = "SKYRELAY_CHAIN_TOKEN"  # noqa: S105  (the variable's name)
 
 
 @dataclass(frozen=True)
@@ -48,6 +53,9 @@ def up(
     say: Callable[[str], None],
     progress: Progress,
     *,
+    address: str = LOOPBACK,
+    elsewhere: Sequence[str] = (),
+    uav_hosts: int = 1,
     wait: float = 30.0,
 ) -> dict[str, Any]:
     """Start all of it, play the scenario in lock-step, and leave a run folder as `skyrelay.simulation.play` does.
@@ -56,6 +64,9 @@ def up(
         folder: of the run.
         hosts: where each process finds its configuration and keystore, and leaves its log.
         say: is called with every line about a process.
+        address: of this machine, where chain and bus are reached.
+        elsewhere: kinds of hosts that are not started here: their files are written, and who starts them is waited for.
+        uav_hosts: how many processes share the UAVs.
         wait: how long the world stands still for a host that does not answer [s].
     Returns: the summary, as in ``summary.json``.
     Raises:
@@ -66,34 +77,39 @@ def up(
     world = World.of(scenario)
     write_text(hosts / "scenario.toml", to_toml(world.scenario))
     progress.stage("Chain and keys", 1)
-    password = secrets.token_urlsafe(32)
+    password = os.environ.get(PASSWORD) or secrets.token_urlsafe(32)
+    token = secrets.token_urlsafe(32)
     with ExitStack() as stack:
-        endpoint = f"tcp/127.0.0.1:{free_port()}"
+        endpoint = f"tcp/{address}:{free_port(address)}"
         bus = stack.enter_context(Bus("world", listen=[endpoint]))  # left last: who ends takes leave of it
-        children = stack.enter_context(Children(hosts, {PASSWORD: password}, say))
+        children = stack.enter_context(Children(hosts, {PASSWORD: password, TOKEN: token}, say))
         url = scenario.chain.url
         if url is None:
-            port = free_port()
-            url = f"http://127.0.0.1:{port}"
-            children.start("chain", ["chain", "serve", "--state", str(folder / CHAIN), "--listen", f"127.0.0.1:{port}"])
+            listen = f"{address}:{free_port(address)}"
+            url = f"http://skyrelay:{token}@{listen}"
+            children.start("chain", ["chain", "serve", "--state", str(folder / CHAIN), "--listen", listen])
             _wait_for_chain(url, children)
-        places = _places(world, hosts, password)
+        places = _places(world, hosts, password, uav_hosts)
         accounts = _accounts(places)
         founded = world.scenario.model_copy(
             update={"chain": world.scenario.chain.model_copy(update={"url": url, "keystore": None})}
         )
-        write_text(folder / SCENARIO, to_toml(founded))
+        write_text(folder / SCENARIO, to_toml(world.scenario))  # without the chain server's token
         consortium = stack.enter_context(Consortium(founded, folder, elsewhere=accounts))
         consortium.found()
         for place in places:
-            path = _write_config(place, world, consortium, hosts, url, endpoint)
-            children.start(place.name, ["agent", place.kind, "--config", str(path)], again=True)
+            path = _write_config(place, world, consortium, hosts, url, endpoint, place.kind in elsewhere)
+            command = ["agent", place.kind, "--config", str(path)]
+            if place.kind in elsewhere:
+                say(f"{place.name:<12} is waited for: skyrelay {' '.join(command)}")
+            else:
+                children.start(place.name, command, again=True)
         run = Run(world, consortium.account)
         members = {place.name: _addresses(place) for place in places}
         run.hosts = remote = RemoteHosts(
             bus, consortium.client.address, members, consortium.client, run.hear, say, wait
         )
-        remote.gather(START, children.check)
+        remote.gather(LATEST if elsewhere else START, children.check)
         run.play(progress)
         progress.stage("Record", 1)
         return run.write(folder, consortium, begin)
@@ -109,6 +125,7 @@ def new_hosts_folder(path: Path) -> Iterator[Path]:
     left = {".log", ".toml", ".keystore"}
     try:
         path.mkdir(parents=True, exist_ok=True)
+        path.chmod(0o700)
         for file in path.iterdir():
             if file.suffix not in left:
                 raise UsageError(path, file.name, "a folder for the hosts' files, with nothing else in it")
@@ -123,43 +140,68 @@ def new_hosts_folder(path: Path) -> Iterator[Path]:
             file.unlink()
 
 
-def free_port() -> int:
-    """A TCP port of loopback that nobody listens at now."""
+def free_port(address: str = LOOPBACK) -> int:
+    """A TCP port of one of this machine's addresses that nobody listens at now.
+
+    Raises:
+        UsageError: it is no address of this machine.
+    """
     with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
+        try:
+            probe.bind((address, 0))
+        except OSError as error:
+            raise UsageError("--address", address, f"an address of this machine ({error.strerror})") from None
         port: int = probe.getsockname()[1]
         return port
 
 
 def _wait_for_chain(url: str, children: Children) -> None:
+    """Until the chain server answers.
+
+    Raises:
+        ChainError, SkyRelayError: it does not, or it has ended.
+    """
     until = time.monotonic() + START
-    question = [{"jsonrpc": "2.0", "id": 1, "method": "eth_chainId", "params": []}]
-    while time.monotonic() < until:
+    while True:
         children.check("chain")
         try:
-            if requests.post(url, json=question, timeout=5).ok:
-                return
-        except requests.RequestException:
-            time.sleep(0.05)
-    raise ChainError(url, None, f"the chain server to answer within {START:g} s; its log tells why it does not")
+            NodeChain(url, Keyring.ephemeral())
+        except ChainError:
+            if time.monotonic() > until:
+                raise
+        else:
+            return
 
 
-def _places(world: World, hosts: Path, password: str) -> list[Place]:
-    """A host for the vehicles, one for the UAVs, and one for the zones' coordinator, each with keys of its own."""
+def _places(world: World, hosts: Path, password: str, uav_hosts: int) -> list[Place]:
+    """A host for the vehicles, some for the UAVs, and one for the zones' coordinator, each with keys of its own."""
     members, fleet = world.members, world.fleet
-    vehicles = zip(world.tracks.ids, members.demand.tolist(), members.payment.tolist(), strict=True)
-    uavs = zip(fleet.ids, fleet.zone.tolist(), fleet.bandwidth.tolist(), strict=True)
-    tables: dict[str, dict[str, Any]] = {
-        "vehicle": {"vehicle": [{"name": name, "demand": demand, "payment": pay} for name, demand, pay in vehicles]},
-        "uav": {"uav": [{"name": name, "zone": zone, "bandwidth": bandwidth} for name, zone, bandwidth in uavs]},
-        "coordinator": {"coordinator": {"zones": list(world.law.grid.ids)}},
-    }
-    names = {"vehicle": "vehicles", "uav": "uavs", "coordinator": "coordinator"}
-    places = [
-        Place(kind, names[kind], Keyring.create(hosts / f"{names[kind]}.keystore", password), table)
-        for kind, table in tables.items()
+    vehicles = [
+        {"name": name, "demand": demand, "payment": payment}
+        for name, demand, payment in zip(
+            world.tracks.ids, members.demand.tolist(), members.payment.tolist(), strict=True
+        )
     ]
-    tables["coordinator"]["coordinator"]["reputations"] = world.reputations(_accounts(places).__getitem__)
+    uavs = [
+        {"name": name, "zone": zone, "bandwidth": bandwidth}
+        for name, zone, bandwidth in zip(fleet.ids, fleet.zone.tolist(), fleet.bandwidth.tolist(), strict=True)
+    ]
+    # Each has the next so many, so that they register in the fleet's order.
+    share = -(-len(uavs) // min(uav_hosts, len(uavs)))
+    parts = [uavs[start : start + share] for start in range(0, len(uavs), share)]
+    coordinator: dict[str, Any] = {"zones": list(world.law.grid.ids)}
+    tables: list[tuple[str, str, dict[str, Any]]] = [
+        ("vehicle", "vehicles", {"vehicle": vehicles}),
+        *(
+            ("uav", "uavs" if len(parts) == 1 else f"uavs-{number}", {"uav": part})
+            for number, part in enumerate(parts, 1)
+        ),
+        ("coordinator", "coordinator", {"coordinator": coordinator}),
+    ]
+    places = [
+        Place(kind, name, Keyring.create(hosts / f"{name}.keystore", password), table) for kind, name, table in tables
+    ]
+    coordinator["reputations"] = world.reputations(_accounts(places).__getitem__)
     return places
 
 
@@ -179,7 +221,9 @@ def _addresses(place: Place) -> list[str]:
     return [place.keyring.account(name) for name in _names(place)]
 
 
-def _write_config(place: Place, world: World, consortium: Consortium, hosts: Path, url: str, bus: str) -> Path:
+def _write_config(
+    place: Place, world: World, consortium: Consortium, hosts: Path, url: str, bus: str, elsewhere: bool
+) -> Path:
     """The file that a place's process is started with."""
     store_url = world.scenario.store.url
     config = {
@@ -194,7 +238,7 @@ def _write_config(place: Place, world: World, consortium: Consortium, hosts: Pat
             "confirmations": world.scenario.chain.confirmations,
         },
         "store": {"url": store_url} if store_url else {"path": consortium.store.place.removeprefix("store ")},
-        "bus": {"connect": [bus]},
+        "bus": {"connect": [bus]} | ({"listen": ["tcp/0.0.0.0:0"]} if elsewhere else {}),
         **place.table,
     }
     path = hosts / f"{place.name}.toml"
