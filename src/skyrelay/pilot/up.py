@@ -8,7 +8,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +19,14 @@ from skyrelay.chain.node.chain import NodeChain
 from skyrelay.core.errors import ChainError, UsageError
 from skyrelay.core.files import write_text
 from skyrelay.core.progress import Progress
+from skyrelay.core.resolved import ResolvedScenario
 from skyrelay.core.scenario import Scenario, to_toml
 from skyrelay.pilot.bus import Bus
 from skyrelay.pilot.lockstep import RemoteHosts
 from skyrelay.pilot.processes import Children
 from skyrelay.runfolder.folder import CHAIN, SCENARIO
 from skyrelay.simulation.consortium import Consortium
-from skyrelay.simulation.run import Run
+from skyrelay.simulation.run import Run, without_credentials
 from skyrelay.simulation.world import World
 
 START = 60.0
@@ -75,7 +76,7 @@ def up(
     begin = time.monotonic()
     progress.stage("Vehicles", 1)
     world = World.of(scenario)
-    write_text(hosts / "scenario.toml", to_toml(world.scenario))
+    write_text(hosts / "scenario.toml", to_toml(without_credentials(world.scenario)))
     progress.stage("Chain and keys", 1)
     password = os.environ.get(PASSWORD) or secrets.token_urlsafe(32)
     token = secrets.token_urlsafe(32)
@@ -91,10 +92,9 @@ def up(
             _wait_for_chain(url, children)
         places = _places(world, hosts, password, uav_hosts)
         accounts = _accounts(places)
-        founded = world.scenario.model_copy(
-            update={"chain": world.scenario.chain.model_copy(update={"url": url, "keystore": None})}
-        )
-        write_text(folder / SCENARIO, to_toml(world.scenario))  # without the chain server's token
+        founded = _on(world.scenario, url)
+        world = replace(world, scenario=without_credentials(_on(world.scenario, url)))
+        write_text(folder / SCENARIO, to_toml(world.scenario))
         consortium = stack.enter_context(Consortium(founded, folder, elsewhere=accounts))
         consortium.found()
         for place in places:
@@ -113,6 +113,11 @@ def up(
         run.play(progress)
         progress.stage("Record", 1)
         return run.write(folder, consortium, begin)
+
+
+def _on(scenario: ResolvedScenario, url: str) -> ResolvedScenario:
+    """The scenario on a chain at ``url``, with keys of this run only."""
+    return scenario.model_copy(update={"chain": scenario.chain.model_copy(update={"url": url, "keystore": None})})
 
 
 @contextmanager
@@ -231,7 +236,7 @@ def _write_config(
         "scenario": "scenario.toml",
         "area": asdict(world.law.grid),
         "chain": {
-            "urls": [url],
+            "urls": url.split(","),
             "chain_id": consortium.chain.chain_id,
             "contract": consortium.client.address,
             "keystore": f"{place.name}.keystore",

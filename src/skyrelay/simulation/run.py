@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -35,6 +35,8 @@ from skyrelay.simulation.record import Record
 from skyrelay.simulation.team import Team
 from skyrelay.simulation.world import World
 from skyrelay.store.cid import Cid
+
+AnyScenario = TypeVar("AnyScenario", bound=Scenario)
 
 
 class Hosts(Protocol):
@@ -88,7 +90,7 @@ def play(
     begin = time.monotonic()
     progress.stage("Vehicles", 1)
     world = World.of(scenario)
-    write_text(folder / SCENARIO, to_toml(_without_credentials(world.scenario)))
+    write_text(folder / SCENARIO, to_toml(without_credentials(world.scenario)))
     with Consortium(world.scenario, folder) as consortium:
         run = Run(world, consortium.account)
         agents = world_agents(world, consortium.account, consortium.hangar.load)
@@ -310,7 +312,7 @@ class Run:
             "uavs_retired": int((flying.fleet.zone == 0).sum()),
             "transactions": self.hosts.transactions,
             "gas_used": self.hosts.gas_used,
-            "chain_url": _without_credentials(self.scenario).chain.url,
+            "chain_url": without_credentials(self.scenario).chain.url,
             "model_cids": sorted({str(self.hosts.cid_of(model)) for model in self.ledger.models}),
             "range_m": self.scenario.fleet.range,
             "step_seconds": config.step_seconds,
@@ -325,7 +327,7 @@ def _mean(values: list[float]) -> float | None:
     return round(float(np.mean(values)), 6) if values else None
 
 
-def _without_credentials(scenario: Scenario) -> Scenario:
+def without_credentials(scenario: AnyScenario) -> AnyScenario:
     """The scenario as a folder may hold it: of addresses, no name, password or token."""
 
     def shown(urls: str | None) -> str | None:
