@@ -63,6 +63,13 @@ def command(
     config = load_scenario(scenario, overrides, seed)
     target = out or Path("runs") / f"{config.name}-{config.seed}"
     beside = hosts or target.with_name(f"{target.name}-hosts")
+
+    def draw(folder: Path) -> None:
+        progress.stage("Report", 2)
+        write_figures(folder)
+        progress.advance()
+        write_report(folder)
+
     with (
         until_terminated(),
         ShownProgress() as progress,
@@ -75,15 +82,12 @@ def command(
             place,
             lambda line: typer.echo(line, err=True),
             progress,
+            draw,
             address=address,
             elsewhere=[kind.value for kind in elsewhere or ()],
             uav_hosts=uav_hosts,
             wait=wait,
         )
-        progress.stage("Report", 2)
-        write_figures(folder)
-        progress.advance()
-        write_report(folder)
     if as_json:
         print_result(summary, as_json)
     else:

@@ -25,6 +25,7 @@ from skyrelay.pilot.bus import Bus
 from skyrelay.pilot.lockstep import RemoteHosts
 from skyrelay.pilot.processes import Children
 from skyrelay.runfolder.folder import CHAIN, SCENARIO
+from skyrelay.runfolder.manifest import write_manifest
 from skyrelay.simulation.consortium import Consortium
 from skyrelay.simulation.run import Run, without_credentials
 from skyrelay.simulation.world import World
@@ -53,6 +54,7 @@ def up(
     hosts: Path,
     say: Callable[[str], None],
     progress: Progress,
+    finish: Callable[[Path], None] = lambda _: None,
     *,
     address: str = LOOPBACK,
     elsewhere: Sequence[str] = (),
@@ -65,6 +67,7 @@ def up(
         folder: of the run.
         hosts: where each process finds its configuration and keystore, and leaves its log.
         say: is called with every line about a process.
+        finish: as `skyrelay.simulation.play` has it.
         address: of this machine, where chain and bus are reached.
         elsewhere: kinds of hosts that are not started here: their files are written, and who starts them is waited for.
         uav_hosts: how many processes share the UAVs.
@@ -112,7 +115,10 @@ def up(
         remote.gather(LATEST if elsewhere else START, children.check)
         run.play(progress)
         progress.stage("Record", 1)
-        return run.write(folder, consortium, begin)
+        summary = run.write(folder, consortium, begin)
+        finish(folder)
+        write_manifest(folder, consortium.signer)
+    return summary
 
 
 def _on(scenario: ResolvedScenario, url: str) -> ResolvedScenario:

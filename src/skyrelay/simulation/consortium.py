@@ -74,11 +74,11 @@ class Consortium:
 
     @property
     def signer(self) -> Callable[[bytes], tuple[str, bytes]] | None:
-        """Signs for the coordinator; None on the embedded chain, whose accounts have no keys."""
+        """Signs for the coordinator, or where its keys are elsewhere for the publisher; None on the embedded chain."""
         if isinstance(self.chain, EmbeddedChain):
             return None
-        chain = self.chain
-        return lambda message: (self.coordinator, chain.vouch(self.coordinator, message))
+        chain, party = self.chain, self.publisher if self._elsewhere else self.coordinator
+        return lambda message: (party, chain.vouch(party, message))
 
     @property
     def head(self) -> str:
