@@ -19,9 +19,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from skyrelay.learning.evaluation import interval
+from skyrelay.core.statistics import interval
 from skyrelay.learning.presets import Training, training
 from skyrelay.learning.training import Report, train
 
@@ -88,10 +86,10 @@ def main() -> None:
                 flush=True,
             )
         if reached := [run["seconds"] for run in runs if run["value"] > options.level]:
-            seconds[name] = mean = interval(np.array(reached))
+            seconds[name] = mean = interval(reached)
             print(
                 f"{name}: {len(reached)} of {len(runs)} seeds over {options.level:g}, "
-                f"{mean['mean']:.2f} s (95 % interval {mean['low']:.2f} to {mean['high']:.2f})"
+                f"{mean.mean:.2f} s (95 % interval {mean.low:.2f} to {mean.high:.2f})"
             )
 
     if not PEERS.exists():

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from skyrelay.baselines import centralized
+from skyrelay.baselines.centralized import Central
 from skyrelay.baselines.cost import centralized_cost, decentralized_cost
-from skyrelay.baselines.player import play
+from skyrelay.baselines.player import Learned, play
 from skyrelay.coordination.settings import Domain, Shape
 from skyrelay.core.errors import UsageError
 from skyrelay.learning import ppo
@@ -23,12 +24,12 @@ SHAPE, DOMAIN = Shape(2, 4, n=5, steps=20), Domain((2, 2), (4, 4))
 
 @eqx.filter_jit
 def begun(key, config):
-    return centralized.begin(key, config, SHAPE, DOMAIN, 3)
+    return Central(2).begin(key, config, SHAPE, DOMAIN, 3)
 
 
 @eqx.filter_jit
 def collected(learner, config):
-    return centralized.collect(learner, config, DOMAIN)[1]
+    return ppo.collect(learner, config, DOMAIN, decider=Central(2))[1]
 
 
 @eqx.filter_jit
@@ -53,7 +54,7 @@ def test_a_turned_team_is_turned_uav_by_uav(key):
     blank = jnp.zeros(5)
     team = ppo.Experience(maps, joint, blank, blank, blank, blank == 0.0)
     for side in range(ppo.SYMMETRIES):
-        whole = centralized.turned(team, jnp.int32(side))
+        whole = ppo.turned(team, jnp.int32(side), Central(2))
         for uav in range(2):
             own = team._replace(maps=maps[:, uav], action=centralized.separate(joint, 2)[:, uav])
             expected = ppo.turned(own, jnp.int32(side))
@@ -78,7 +79,7 @@ def test_experience_is_scored_by_the_network_that_made_it(key):
     learner = begun(key, CONFIG)
     learner = eqx.tree_at(lambda state: state.actor.layers[-1].weight, learner, learner.actor.layers[-1].weight * 100.0)
     experience = collected(learner, CONFIG)
-    rows = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), experience)
+    rows = jax.tree.map(lambda x: x.reshape(-1, *x.shape[3:]), experience)
     assert rows.maps.shape == (80, 2, 6, 5, 5)
     assert int(rows.action.max()) > 9
     _, parts = loss(learner, rows, CONFIG)
@@ -90,9 +91,9 @@ def test_an_update_makes_better_actions_likelier(key):
     config = dataclasses.replace(CONFIG, entropy=0.0, epochs=8)
     learner = begun(key, config)
     experience = collected(learner, config)
-    rows = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), experience)
+    rows = jax.tree.map(lambda x: x.reshape(-1, *x.shape[3:]), experience)
     before, _ = loss(learner, rows, config)
-    later, metrics = jax.jit(lambda: eqx.filter(centralized.update(learner, config, DOMAIN, 3), eqx.is_array))()
+    later, metrics = jax.jit(lambda: eqx.filter(ppo.update(learner, config, DOMAIN, 3, Central(2)), eqx.is_array))()
     learned = eqx.combine(later, learner)
     after, _ = loss(learned, rows, config)
     assert float(after) < float(before)
@@ -101,7 +102,7 @@ def test_an_update_makes_better_actions_likelier(key):
 
 
 def test_a_joint_network_plays(key):
-    player = centralized.Centralized(actor=centralized.joint_actor(key, TINY, 2))
+    player = Learned(actor=centralized.joint_actor(key, TINY, 2), decider=Central(2))
     played = play(player, key, 4, SHAPE, DOMAIN)
     assert np.asarray(played.measures).shape == (4, 4)
 
@@ -109,7 +110,7 @@ def test_a_joint_network_plays(key):
 @pytest.mark.parametrize("uavs", [(2, 3), (6, 6)])
 def test_teams_of_many_sizes_or_too_many_outputs_are_refused(uavs, key):
     with pytest.raises(UsageError, match="team size"):
-        centralized.begin(key, CONFIG, Shape(uavs[1], 4, n=5), Domain(uavs, (4, 4)), 3)
+        Central(uavs[1]).begin(key, CONFIG, Shape(uavs[1], 4, n=5), Domain(uavs, (4, 4)), 3)
 
 
 def test_costs_are_those_of_the_paper_where_they_can_be():

@@ -8,12 +8,12 @@ import pytest
 
 from skyrelay.core.errors import UsageError
 from skyrelay.core.scenario import load_scenario
+from skyrelay.core.statistics import interval
 from skyrelay.experiments import selection, sensitivity
 from skyrelay.experiments.claims import CLAIMS, Finding, write_claims_page, write_findings
 from skyrelay.experiments.figures import FIGURES, check_scale, load_figure, reproduce
 from skyrelay.experiments.plotting import line, panels, save
 from skyrelay.experiments.runner import Experiment, run
-from skyrelay.experiments.statistics import interval
 from skyrelay.selection import evaluate, select
 from skyrelay.selection.instances import draw_instance
 

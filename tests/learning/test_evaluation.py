@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from skyrelay.core.statistics import interval
 from skyrelay.learning import networks
-from skyrelay.learning.evaluation import episodes_of, greedy_episodes, interval, policy_episodes, starts, summary
+from skyrelay.learning.evaluation import episodes_of, greedy_episodes, policy_episodes, starts, summary
 from skyrelay.learning.onnx import export
 from skyrelay.learning.training import make_card
 from skyrelay.policy import Policy
@@ -34,9 +35,9 @@ def test_compiled_and_stepped_play_agree(tiny):
 def test_interval_is_students():
     values = np.random.default_rng(0).normal(3, 2, 20)
     low, high = stats.t.interval(0.95, 19, loc=values.mean(), scale=stats.sem(values))
-    found = interval(values)
+    found = interval(values).closed()
     assert (found["mean"], found["low"], found["high"]) == pytest.approx((values.mean(), low, high))
-    assert interval(np.array([2.0])) == {"mean": 2.0, "low": 2.0, "high": 2.0}
+    assert interval([2.0]).closed() == {"mean": 2.0, "low": 2.0, "high": 2.0}
 
 
 def test_a_policy_is_told_the_range_where_it_wants_to_be(tiny):

@@ -129,7 +129,7 @@ def test_a_seed_of_several_resumes_by_itself(tiny, tmp_path):
 
 
 def test_checkpoints_that_are_none(finished, tiny, tmp_path):
-    learner = training._begin(tiny)
+    learner = training.Course(tiny, [tiny.seed]).learner(0)
     for content in (b"", b"not a checkpoint", b"PK\x03\x04 nor this"):
         (tmp_path / "checkpoint.npz").write_bytes(content)
         with pytest.raises(TrainingError, match="a checkpoint of skyrelay train"):

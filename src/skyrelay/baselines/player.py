@@ -16,12 +16,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skyrelay.airspace.flight import ACTIONS, move
-from skyrelay.airspace.maps import normalise
 from skyrelay.coordination import game
 from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape
+from skyrelay.learning.evaluation import per_episode
 from skyrelay.learning.networks import Network
-from skyrelay.learning.ppo import new_games
+from skyrelay.learning.ppo import EACH, Decider, new_games
 
 Memory = Any
 """What a player keeps between two steps of a game: any pytree of arrays, or None."""
@@ -67,13 +67,15 @@ class Random(Player):
 
 
 class Learned(Player):
-    """A trained network: every UAV takes the most valued action of its own maps."""
+    """A trained network: whoever decides takes the most valued choice."""
 
     actor: Network = eqx.field(kw_only=True)
+    decider: Decider = eqx.field(default=EACH, static=True, kw_only=True)
 
     def act(self, state: game.State, memory: Memory) -> tuple[Int[Array, " uavs"], Memory]:
-        """The greedy action."""
-        return jnp.argmax(self.actor(normalise(game.observe(state), state.shape.zoom, state.shape.maps)), -1), memory
+        """The greedy actions."""
+        alone: game.State = jax.tree.map(lambda leaf: leaf[None], state)
+        return self.decider.greedy(self.actor, alone)[0], memory
 
 
 class Episodes(NamedTuple):
@@ -90,8 +92,7 @@ class Episodes(NamedTuple):
     @property
     def measures(self) -> Float[Array, "4 episodes"]:
         """Return, coverage, connectivity, connectivity_neighbor: what `skyrelay.learning.evaluation.summary` takes."""
-        means = (self.steps.coverage, self.steps.connectivity, self.steps.connectivity_neighbor)
-        return jnp.stack([self.steps.reward.sum(0), *(measure.mean(0) for measure in means)])
+        return per_episode(self.steps)
 
     def first(self, holds: Bool[Array, "steps+1 episodes"]) -> Float[Array, " episodes"]:
         """The first step at which something holds, 0 for the start; NaN where it never does."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -29,6 +29,8 @@ from skyrelay.coordination.observation import six_maps
 from skyrelay.coordination.reward import Score, score
 from skyrelay.coordination.settings import Parameters, Shape
 from skyrelay.core.errors import UsageError
+
+Tree = TypeVar("Tree")
 
 _DRAWS = 9
 """Uniform numbers that a new vehicle takes. They come from one call: each call of the generator costs compile time."""
@@ -224,6 +226,16 @@ def potential(state: State) -> Float[Array, " uavs"]:
     return value
 
 
+def row_where(mask: Bool[Array, " rows"], yes: Tree, no: Tree) -> Tree:
+    """Row by row, one tree of arrays or the other; the mask is over their first axis."""
+
+    def choose(a: Array, b: Array) -> Array:
+        return jnp.where(mask.reshape(mask.shape + (1,) * (a.ndim - 1)), a, b)
+
+    chosen: Tree = jax.tree.map(choose, yes, no)
+    return chosen
+
+
 def _check_options(shape: Shape, parameters: Parameters) -> None:
     """The sizes of what is compiled and of what was drawn."""
     walls = 0 if parameters.walls is None else parameters.walls.shape[-2]
@@ -251,7 +263,7 @@ def _drive(state: State) -> tuple[Traffic, Int[Array, " vehicles"]]:
     traffic = jax.tree.map(partial(jnp.where, parameters.waypoint), waypoint, grid)
     leaves = draws[:, 4] < parameters.swap
     owner, fresh = _appear(draws[:, 5:], state.uavs, parameters)
-    mixed: Traffic = jax.tree.map(partial(_where, leaves), fresh, traffic)
+    mixed = row_where(leaves, fresh, traffic)
     return mixed, jnp.where(leaves, owner, state.owner)
 
 
@@ -298,7 +310,3 @@ def _owners(draws: Array, uavs: Array, active: Array, position: Array, reach: Ar
     order = (jnp.arange(uavs.shape[0]) + (draws[:, :1] * uavs.shape[0]).astype(jnp.int32)) % uavs.shape[0]
     lottery = jnp.where(distance <= reach, order / uavs.shape[0], 1.0 + distance)
     return jnp.argmin(jnp.where(active[None], lottery, jnp.inf), axis=1)
-
-
-def _where(mask: Bool[Array, " vehicles"], yes: Array, no: Array) -> Array:
-    return jnp.where(mask.reshape(mask.shape + (1,) * (yes.ndim - 1)), yes, no)

@@ -20,13 +20,13 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from skyrelay.core.files import atomic_path
+from skyrelay.core.statistics import Interval
 from skyrelay.experiments.coordination_findings import findings
 from skyrelay.experiments.coordination_results import Results
 from skyrelay.experiments.coordination_tasks import CENTRALIZED, OURS
 from skyrelay.experiments.figures import FigureSpec, Rendered, Scale
 from skyrelay.experiments.plotting import line, panels, save
 from skyrelay.experiments.runner import Experiment, Task
-from skyrelay.experiments.statistics import Interval
 from skyrelay.store.cid import cid_of
 
 BASELINES = (

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from skyrelay.core.statistics import Interval, interval
 from skyrelay.experiments.claims import Finding, Verdict
 from skyrelay.experiments.coordination_results import Results
 from skyrelay.experiments.coordination_tasks import CENTRALIZED, OURS
-from skyrelay.experiments.statistics import Interval, interval
 
 LEVEL = -5.0
 """The paper converges to between -4 and -5."""

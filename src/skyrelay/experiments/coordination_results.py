@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from skyrelay.core.statistics import Interval, interval
 from skyrelay.experiments.coordination_tasks import CENTRALIZED, OURS
 from skyrelay.experiments.runner import Row
-from skyrelay.experiments.statistics import Interval, interval
 
 PAPER_EXPERIMENTS = 20
 DRAW = 20250

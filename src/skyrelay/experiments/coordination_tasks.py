@@ -11,26 +11,24 @@ import dataclasses
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from types import ModuleType
 from typing import Any
 
-import equinox as eqx
 import jax
 import numpy as np
 
-from skyrelay.baselines import centralized
 from skyrelay.baselines.catalogue import baseline
+from skyrelay.baselines.centralized import Central
 from skyrelay.baselines.cost import centralized_cost, decentralized_cost
-from skyrelay.baselines.player import RUN_ONCE, Episodes, Learned, Player, play
+from skyrelay.baselines.player import Episodes, Learned, play
 from skyrelay.coordination import game
 from skyrelay.coordination.settings import Shape, physical
 from skyrelay.core.errors import TrainingError
 from skyrelay.experiments.runner import Row
-from skyrelay.learning import ppo
-from skyrelay.learning.evaluation import MEASURES, UNSEEN, policy_scores, starts, unseen_key
+from skyrelay.learning.evaluation import MEASURES, named, policy_scores, starts, unseen_key
 from skyrelay.learning.networks import FAST, PAPER, Network
-from skyrelay.learning.ppo import Learner
+from skyrelay.learning.ppo import EACH, Decider
 from skyrelay.learning.presets import PresetName, Training, training
+from skyrelay.learning.training import Course
 from skyrelay.policy import Policy
 
 OURS, CENTRALIZED = "decentralised PPO", "centralised PPO"
@@ -90,11 +88,11 @@ def learn(
         )
     labels: Row = {"method": method, "uavs": uavs, "seed": seed}
     actor, rows = train_network(method, config)
-    player = _ALGORITHMS[method][1]
+    player = Learned(actor=actor, decider=decider(method, uavs))
     rows = [{"kind": "curve", **labels, "vehicles": vehicles, **row} for row in rows]
     for number in flown:
         shape, domain = dataclasses.replace(config.shape, vehicles=number), physical((uavs, uavs), (number, number))
-        played = play(player(actor=actor), unseen_key(EVALUATION_SEED), episodes, shape, domain)
+        played = play(player, unseen_key(EVALUATION_SEED), episodes, shape, domain)
         rows += _episode_rows(played, {**labels, "vehicles": number, "trained_vehicles": vehicles})
     return rows
 
@@ -149,41 +147,28 @@ def train_network(method: str, config: Training) -> tuple[Network, list[Row]]:
     Raises:
         TrainingError: a number was not finite.
     """
-    algorithm, player = _ALGORITHMS[method]
-    start, turn = _compiled(algorithm, dataclasses.replace(config, seed=0))
-    learner = start(jax.random.key(config.seed))
-    test_key = jax.random.fold_in(jax.random.key(config.seed), UNSEEN - 1)
-    tests = max(1, config.test_every // config.hyperparameters.steps_per_update)
+    _make_room(method, dataclasses.replace(config, seed=0))
+    course = Course(config, [config.seed], decider(method, config.shape.uavs))
     rows: list[Row] = []
-    for done in range(1, config.updates + 1):
-        learner, loss = turn(learner)
-        if done % tests == 0 or done == config.updates:
-            if not all(math.isfinite(value) for value in jax.device_get(loss).values()):
-                raise TrainingError(f"{algorithm.__name__}, seed {config.seed}, update {done}", loss, "finite numbers")
-            tested = play(player(actor=learner.actor), test_key, config.test_episodes, config.shape, config.domain)
-            means = np.asarray(tested.measures).mean(axis=1)
-            rows.append({"steps": done * config.hyperparameters.steps_per_update, **_named(means)})
-    return learner.actor, rows
+    while not course.finished:
+        (row,) = course.turn()
+        if course.test_is_due:
+            if not all(math.isfinite(value) for value in row.values()):
+                raise TrainingError(f"{method}, seed {config.seed}, update {course.done}", row, "finite numbers")
+            course.test()
+            rows.append({"steps": course.steps} | {name: row[f"test_{name}"] for name in MEASURES})
+    return course.learner(0).actor, rows
 
 
 @lru_cache(maxsize=1)
-def _compiled(
-    algorithm: ModuleType, config: Training
-) -> tuple[Callable[[jax.Array], Learner], Callable[[Learner], tuple[Learner, dict[str, jax.Array]]]]:
-    """How a training begins and how it goes on, compiled once for all seeds (``config`` has none of its own)."""
+def _make_room(method: str, config: Training) -> None:  # noqa: ARG001 (what the cache tells trainings apart by)
+    """Before a training of another kind than the last one: its programs are compiled anew."""
     forget_programs()
-    hyperparameters, domain, updates = config.hyperparameters, config.domain, config.updates
 
-    def start(key: jax.Array) -> Learner:
-        learner: Learner = algorithm.begin(key, hyperparameters, config.shape, domain, updates)
-        return learner
 
-    @eqx.filter_jit(donate="all")
-    def turn(learner: Learner) -> tuple[Learner, dict[str, jax.Array]]:
-        result: tuple[Learner, dict[str, jax.Array]] = algorithm.update(learner, hyperparameters, domain, updates)
-        return result
-
-    return jax.jit(start, compiler_options=RUN_ONCE), turn
+def decider(method: str, uavs: int) -> Decider:
+    """Who decides by `OURS` and by `CENTRALIZED`."""
+    return Central(uavs) if method == CENTRALIZED else EACH
 
 
 def _episode_rows(played: Episodes, labels: Row) -> list[Row]:
@@ -193,7 +178,7 @@ def _episode_rows(played: Episodes, labels: Row) -> list[Row]:
     columns = np.asarray(played.measures).tolist()
     return [
         {"kind": "episode", **labels, "episode": number}
-        | _named(measures)
+        | named(measures)
         | {"connected_step": _or_none(first), "linked_and_covered_step": _or_none(both)}
         for number, (*measures, first, both) in enumerate(
             zip(*columns, np.asarray(connected).tolist(), np.asarray(linked).tolist(), strict=True)
@@ -201,15 +186,5 @@ def _episode_rows(played: Episodes, labels: Row) -> list[Row]:
     ]
 
 
-def _named(measures: Any) -> dict[str, float]:
-    return {name: float(value) for name, value in zip(MEASURES, measures, strict=True)}
-
-
 def _or_none(step: float) -> int | None:
     return None if math.isnan(step) else int(step)
-
-
-_ALGORITHMS: dict[str, tuple[ModuleType, Callable[..., Player]]] = {
-    OURS: (ppo, Learned),
-    CENTRALIZED: (centralized, centralized.Centralized),
-}

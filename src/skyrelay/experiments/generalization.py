@@ -16,11 +16,11 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from skyrelay.core.files import atomic_path
+from skyrelay.core.statistics import Interval, interval
 from skyrelay.experiments.figures import FigureSpec, Rendered, Scale
 from skyrelay.experiments.generalization_tasks import SPECIALIST
 from skyrelay.experiments.plotting import line, panels, save
 from skyrelay.experiments.runner import Experiment, Row, Task
-from skyrelay.experiments.statistics import Interval, interval
 from skyrelay.store.cid import cid_of
 
 GENERALIST = "generalist"

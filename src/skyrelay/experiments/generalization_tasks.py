@@ -15,7 +15,7 @@ from skyrelay.coordination.replay import Setting, replayed_games
 from skyrelay.coordination.settings import Domain, Shape, physical
 from skyrelay.experiments.coordination_tasks import EVALUATION_SEED, OURS, forget_programs, train_network
 from skyrelay.experiments.runner import Row
-from skyrelay.learning.evaluation import MEASURES, policy_episodes, starts, unseen_key
+from skyrelay.learning.evaluation import named, policy_episodes, starts, unseen_key
 from skyrelay.learning.networks import Network
 from skyrelay.learning.presets import training
 from skyrelay.mobility.tracks import open_trace
@@ -68,10 +68,7 @@ def fly(
         measures = play_from(baseline(player), unseen_key(EVALUATION_SEED), games, traces).measures
     labels: Row = {"player": player, "group": group, "uavs": uavs, "vehicles": vehicles, "ratio": ratio}
     labels |= {"drop_out": drop_out, "trace": trace or ""}
-    columns = np.asarray(measures, dtype=np.float64).T.tolist()
-    return [
-        labels | {"episode": number} | dict(zip(MEASURES, values, strict=True)) for number, values in enumerate(columns)
-    ]
+    return [labels | {"episode": number} | named(values) for number, values in enumerate(np.asarray(measures).T)]
 
 
 def _games(

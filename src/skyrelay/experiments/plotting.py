@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from skyrelay.core.files import atomic_path
-from skyrelay.experiments.statistics import Interval
+from skyrelay.core.statistics import Interval
 
 # Okabe and Ito's palette: told apart by people who see no red or green, and in print.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")

@@ -14,11 +14,11 @@ import pyarrow.csv as pa_csv
 
 from skyrelay.core.files import atomic_path
 from skyrelay.core.scenario import load_scenario
+from skyrelay.core.statistics import Interval, interval
 from skyrelay.experiments.claims import Finding, Verdict
 from skyrelay.experiments.figures import FigureSpec, Rendered, Scale
 from skyrelay.experiments.plotting import COLORS, line, panels, save
 from skyrelay.experiments.runner import Experiment, Row, Task
-from skyrelay.experiments.statistics import Interval, interval
 from skyrelay.selection.instances import draw_instance
 from skyrelay.selection.methods import evaluate, select
 

@@ -15,11 +15,11 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from skyrelay.core.files import atomic_path
+from skyrelay.core.statistics import Interval, interval
 from skyrelay.experiments.figures import FigureSpec, Rendered, Scale
 from skyrelay.experiments.plotting import line, panels, save
 from skyrelay.experiments.runner import Experiment, Row, Task
 from skyrelay.experiments.selection import RULES, VEHICLES, compare
-from skyrelay.experiments.statistics import Interval, interval
 
 UAVS = 80
 _SEEDS: Mapping[Scale, int] = {"smoke": 3, "fast": 20, "paper": 100}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -12,14 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Float, Int, PRNGKeyArray
-from scipy import stats
 
 from skyrelay.airspace.maps import OUTLOOK_MAPS, RANGE_MAPS, chosen, normalise
 from skyrelay.coordination import game
 from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape
+from skyrelay.core.statistics import interval
 from skyrelay.learning.networks import Network
-from skyrelay.learning.ppo import new_games
+from skyrelay.learning.ppo import EACH, Decider, new_games
 from skyrelay.policy import Policy
 
 UNSEEN = 2**31
@@ -29,7 +29,7 @@ MEASURES = ("return", "coverage", "connectivity", "connectivity_neighbor")
 
 @eqx.filter_jit
 def greedy_episodes(
-    actor: Network, key: PRNGKeyArray, episodes: int, shape: Shape, domain: Domain
+    actor: Network, key: PRNGKeyArray, episodes: int, shape: Shape, domain: Domain, decider: Decider = EACH
 ) -> Float[Array, "4 episodes"]:
     """Play whole episodes, always taking the most valued action, all side by side in one compiled program.
 
@@ -37,13 +37,11 @@ def greedy_episodes(
     """
 
     def play(games: game.State, _: None) -> tuple[game.State, Score]:
-        maps = jax.vmap(game.observe)(games)
-        action = jnp.argmax(jax.vmap(actor)(normalise(maps, shape.zoom, shape.maps)), -1)
-        games, transition = jax.vmap(game.step)(games, action)
+        games, transition = jax.vmap(game.step)(games, decider.greedy(actor, games))
         return games, transition.score
 
     _, scores = jax.lax.scan(play, new_games(key, episodes, shape, domain), None, shape.steps)
-    return _per_episode(scores)
+    return per_episode(scores)
 
 
 def unseen_key(seed: int) -> PRNGKeyArray:
@@ -68,7 +66,7 @@ def episodes_of(
         games: the starts of the episodes, a leading axis of games.
         traces: their vehicles where they are replayed (`skyrelay.coordination.replay`).
     """
-    return _per_episode(_scores_of(decide, games, traces))
+    return per_episode(_scores_of(decide, games, traces))
 
 
 def _scores_of(
@@ -96,24 +94,20 @@ def _scores_of(
 
 
 def summary(results: Float[Array, "4 episodes"]) -> dict[str, Any]:
-    """Means by name, each with its 95 % interval (Student's t over episodes).
+    """Means by name, each with its 95 % interval (Student's t over episodes); of a single episode it is empty.
 
     Returns: ``{"return": {"mean": ..., "low": ..., "high": ...}, "coverage": ..., ...}``.
     """
-    return {name: interval(np.asarray(values)) for name, values in zip(MEASURES, results, strict=True)}
+    return {name: interval(values).closed() for name, values in zip(MEASURES, np.asarray(results), strict=True)}
 
 
-def interval(values: npt.NDArray[np.floating]) -> dict[str, float]:
-    """Mean and 95 % interval of independent values; the interval of a single value is empty."""
-    mean, count = float(np.mean(values, dtype=np.float64)), len(values)
-    half = 0.0
-    if count > 1:
-        half = float(stats.t.ppf(0.975, count - 1) * np.std(values, ddof=1, dtype=np.float64) / np.sqrt(count))
-    return {"mean": mean, "low": mean - half, "high": mean + half}
+def named(values: Iterable[float]) -> dict[str, float]:
+    """One episode's measures by their names."""
+    return {name: float(value) for name, value in zip(MEASURES, values, strict=True)}
 
 
-def _per_episode(scores: Score) -> Float[Array, "4 episodes"]:
-    """From scores [steps, episodes] to one row a measure."""
+def per_episode(scores: Score) -> Float[Array, "4 episodes"]:
+    """From scores [steps, episodes] to one row a measure: return, coverage, connectivity, connectivity_neighbor."""
     means = (scores.coverage, scores.connectivity, scores.connectivity_neighbor)
     return jnp.stack([scores.reward.sum(0), *(measure.mean(0) for measure in means)])
 
@@ -125,7 +119,7 @@ def evaluate_policy(policy: Policy, games: game.State, traces: game.Trace | None
 
 def policy_episodes(policy: Policy, games: game.State, traces: game.Trace | None = None) -> Float[Array, "4 episodes"]:
     """The same, episode by episode, so that two policies can be compared on the same games."""
-    return _per_episode(policy_scores(policy, games, traces))
+    return per_episode(policy_scores(policy, games, traces))
 
 
 def policy_scores(policy: Policy, games: game.State, traces: game.Trace | None = None) -> Score:

@@ -2,11 +2,15 @@
 
 Reads from top to bottom: what is set (`Hyperparameters`), what is learned (`Learner`), how experience is collected
 (`collect`), what is optimised (`loss`), and one turn of it all (`update`). Each function is pure; `update` is compiled
-once and called until the steps are spent. A leading axis of seeds can be added by `jax.vmap`.
+once and called until the steps are spent. `skyrelay.learning.training` adds a leading axis of seeds by `jax.vmap`.
+
+Who decides is left to a `Decider`: every UAV for itself (`EACH`, the paper's method), or one network for the whole team
+(`skyrelay.baselines.centralized`).
 """
 
 from __future__ import annotations
 
+import abc
 import math
 from dataclasses import dataclass
 from functools import cache, partial
@@ -17,7 +21,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt
 
 from skyrelay.airspace.flight import unit_moves
 from skyrelay.airspace.maps import PAPER_MAPS, normalise
@@ -107,10 +111,10 @@ class Learner(eqx.Module):
 
 
 class Experience(NamedTuple):
-    """What one decision of one UAV leaves behind; rows are [horizon, games, uavs] or any flattening of it.
+    """What one decision leaves behind; rows are [horizon, games, decisions] or any flattening of it.
 
     Attributes:
-        maps: observation, as levels.
+        maps: observation, as levels; of a UAV, or of all UAVs of a team that decides as one.
         action: taken.
         log_probability: of the action when it was taken.
         value: what the critic expected.
@@ -118,12 +122,135 @@ class Experience(NamedTuple):
         active: false for a row that holds no UAV, which counts for nothing.
     """
 
-    maps: UInt8[Array, "*rows maps n n"]
+    maps: UInt[Array, "*rows maps n n"]
     action: Int[Array, "*rows"]
     log_probability: Float[Array, "*rows"]
     value: Float[Array, "*rows"]
     advantage: Float[Array, "*rows"]
     active: Bool[Array, "*rows"]
+
+
+class Decider(abc.ABC):
+    """Who decides in a team, and what for. It has no state: the networks are the learner's.
+
+    A team takes ``decisions`` at a step: one for each UAV, or one for all.
+    """
+
+    @abc.abstractmethod
+    def begin(
+        self, key: PRNGKeyArray, config: Hyperparameters, shape: Shape, domain: Domain, total_updates: int
+    ) -> Learner:
+        """New networks and new games."""
+
+    @abc.abstractmethod
+    def sees(self, maps: UInt[Array, "games uavs maps n n"]) -> UInt[Array, "games decisions *seen"]:
+        """The maps that each decision is made on."""
+
+    @abc.abstractmethod
+    def look(self, network: Network, seen: Float[Array, "games decisions *seen"]) -> Float[Array, "games decisions m"]:
+        """What a network makes of normalised maps."""
+
+    @abc.abstractmethod
+    def act(self, choice: Int[Array, "*rows"]) -> Int[Array, "*rows own"]:
+        """The action of each UAV that a choice decides for."""
+
+    @abc.abstractmethod
+    def choice(self, actions: Int[Array, "*rows own"]) -> Int[Array, "*rows"]:
+        """The choice that stands for these actions: `act` backwards."""
+
+    @abc.abstractmethod
+    def reward(
+        self,
+        games: game.State,
+        moved: game.State,
+        score: Score,
+        config: Hyperparameters,
+        shaping: float | Float[Array, ""],
+    ) -> Float[Array, "games decisions"]:
+        """What a step was worth to each decision.
+
+        Args:
+            games, moved: before and after it, a leading axis of games.
+            score: of ``moved``.
+            shaping: weight of the shaping.
+        """
+
+    @abc.abstractmethod
+    def active(self, games: game.State) -> Bool[Array, "games decisions"]:
+        """Whether each decision is a UAV's at all."""
+
+    def greedy(self, network: Network, games: game.State) -> Int[Array, "games uavs"]:
+        """The most valued actions."""
+        shape = games.shape
+        seen = normalise(self.sees(jax.vmap(game.observe)(games)), shape.zoom, shape.maps)
+        return self.actions(jnp.argmax(self.look(network, seen), -1))
+
+    def actions(self, choice: Int[Array, "games decisions"]) -> Int[Array, "games uavs"]:
+        """Of the whole team."""
+        return self.act(choice).reshape(choice.shape[0], -1)
+
+
+@dataclass(frozen=True)
+class Each(Decider):
+    """Every UAV decides for itself, all with the same networks."""
+
+    def begin(
+        self, key: PRNGKeyArray, config: Hyperparameters, shape: Shape, domain: Domain, total_updates: int
+    ) -> Learner:
+        """As `skyrelay.learning.ppo.begin`."""
+        return begin(key, config, shape, domain, total_updates)
+
+    def sees(self, maps: UInt[Array, "games uavs maps n n"]) -> UInt[Array, "games uavs maps n n"]:
+        """Its own."""
+        return maps
+
+    def look(self, network: Network, seen: Float[Array, "games uavs maps n n"]) -> Float[Array, "games uavs m"]:
+        """UAV by UAV."""
+        return jax.vmap(network)(seen)
+
+    def act(self, choice: Int[Array, "*rows"]) -> Int[Array, "*rows 1"]:
+        """The choice is the action."""
+        return choice[..., None]
+
+    def choice(self, actions: Int[Array, "*rows 1"]) -> Int[Array, "*rows"]:
+        """The same backwards."""
+        return actions[..., 0]
+
+    def reward(
+        self,
+        games: game.State,
+        moved: game.State,
+        score: Score,
+        config: Hyperparameters,
+        shaping: float | Float[Array, ""],
+    ) -> Float[Array, "games uavs"]:
+        """The team's reward, or the UAV's own credit where it is asked for."""
+        uavs = games.shape.uavs
+        reward = jnp.broadcast_to(score.reward[:, None], games.active.shape)
+        if config.own_credit:
+            reward = score.credit
+            if config.even_credit:
+                own = jnp.sum(moved.served_by[:, None] == jnp.arange(uavs)[:, None], axis=-1)
+                of_own = jnp.sum(moved.present, axis=-1, keepdims=True) / jnp.maximum(own, 1)
+                reward = reward + (1.0 - of_own) * score.missed
+            if config.link_margin:
+                safe, linked = (jax.vmap(partial(game.linked, margin=m))(moved) for m in (config.link_margin, 0.0))
+                reward = reward + (safe - linked)
+        if config.shaping:
+            reward = reward + shaping * potential_change(games, moved, config)
+        return reward
+
+    def active(self, games: game.State) -> Bool[Array, "games uavs"]:
+        """A row may hold no UAV, and a UAV may leave."""
+        return games.active
+
+
+EACH = Each()
+
+
+def potential_change(games: game.State, moved: game.State, config: Hyperparameters) -> Float[Array, "games uavs"]:
+    """Gamma Phi(s') - Phi(s) of each UAV."""
+    return config.gamma * jax.vmap(game.potential)(moved) - jax.vmap(game.potential)(games)
 
 
 def optimizer(config: Hyperparameters, total_updates: int) -> optax.GradientTransformation:
@@ -155,52 +282,46 @@ def new_games(key: PRNGKeyArray, count: int, shape: Shape, domain: Domain) -> ga
 
 
 def collect(
-    learner: Learner, config: Hyperparameters, domain: Domain, shaping: float | Array = 0.0
+    learner: Learner,
+    config: Hyperparameters,
+    domain: Domain,
+    shaping: float | Float[Array, ""] = 0.0,
+    decider: Decider = EACH,
 ) -> tuple[Learner, Experience, Score]:
     """Play ``horizon`` steps of every game with the present policy.
 
-    Returns: the learner with its games moved on, experience [horizon, games, uavs], and scores [horizon, games].
+    Returns: the learner with its games moved on, experience [horizon, games, decisions], and scores [horizon, games].
     """
     shape = learner.games.shape
     k_reset, k_play, key = jax.random.split(learner.key, 3)
     # A game reaches its time limit at most once in a horizon: one new game for each is enough, made beforehand.
     fresh = new_games(k_reset, config.games, shape, domain)
 
-    def look(network: Network, maps: Array) -> Array:
-        return jax.vmap(network)(normalise(maps, shape.zoom, shape.maps))
+    def look(network: Network, seen: Array) -> Array:
+        return decider.look(network, normalise(seen, shape.zoom, shape.maps))
 
     def play(carry: tuple[game.State, game.State], key: PRNGKeyArray) -> tuple[tuple[game.State, game.State], Any]:
         games, last = carry
-        maps = jax.vmap(game.observe)(games)
-        log_probabilities = jax.nn.log_softmax(look(learner.actor, maps))
-        action = jax.random.categorical(key, log_probabilities)
-        log_probability = jnp.take_along_axis(log_probabilities, action[..., None], -1)[..., 0]
-        value = look(learner.critic, maps)[..., 0]
-        moved, transition = jax.vmap(game.step)(games, action)
-        reward = jnp.broadcast_to(transition.score.reward[:, None], value.shape)
-        if config.own_credit:
-            reward = transition.score.credit
-            if config.even_credit:
-                own = jnp.sum(moved.served_by[:, None] == jnp.arange(shape.uavs)[:, None], axis=-1)
-                of_own = jnp.sum(moved.present, axis=-1, keepdims=True) / jnp.maximum(own, 1)
-                reward = reward + (1.0 - of_own) * transition.score.missed
-            if config.link_margin:
-                safe, linked = (jax.vmap(partial(game.linked, margin=m))(moved) for m in (config.link_margin, 0.0))
-                reward = reward + (safe - linked)
-        if config.shaping:
-            change = config.gamma * jax.vmap(game.potential)(moved) - jax.vmap(game.potential)(games)
-            reward = reward + shaping * change
+        seen = decider.sees(jax.vmap(game.observe)(games))
+        log_probabilities = jax.nn.log_softmax(look(learner.actor, seen))
+        choice = jax.random.categorical(key, log_probabilities)
+        log_probability = jnp.take_along_axis(log_probabilities, choice[..., None], -1)[..., 0]
+        value = look(learner.critic, seen)[..., 0]
+        moved, transition = jax.vmap(game.step)(games, decider.actions(choice))
+        reward = decider.reward(games, moved, transition.score, config, shaping)
         over = transition.truncated
-        last = _where(over, moved, last)
-        row = (maps, action, log_probability, value, games.active, moved.active, reward, transition.score, over)
-        return (_where(over, fresh, moved), last), row
+        last = game.row_where(over, moved, last)
+        active, stays = decider.active(games), decider.active(moved)
+        row = (seen, choice, log_probability, value, active, stays, reward, transition.score, over)
+        return (game.row_where(over, fresh, moved), last), row
 
     (games, last), rows = jax.lax.scan(play, (learner.games, learner.games), jax.random.split(k_play, config.horizon))
-    maps, action, log_probability, value, active, stays, reward, score, over = rows
+    seen, choice, log_probability, value, active, stays, reward, score, over = rows
 
     # The value of the state that each step led to: the next row's, or the last state's of a game that was cut short.
-    value_now = look(learner.critic, jax.vmap(game.observe)(games))[..., 0]
-    value_last = look(learner.critic, jax.vmap(game.observe)(last))[..., 0]
+    value_now, value_last = (
+        look(learner.critic, decider.sees(jax.vmap(game.observe)(state)))[..., 0] for state in (games, last)
+    )
     next_value = jnp.where(over[..., None], value_last, jnp.concatenate([value[1:], value_now[None]]))
     # A UAV that has left expects nothing more.
     next_value = jnp.where(stays, next_value, 0.0)
@@ -208,7 +329,7 @@ def collect(
     advantage = advantages(reward, value, next_value, stop, config.gamma, config.decay)
 
     learner = eqx.tree_at(lambda state: (state.games, state.key), learner, (games, key))
-    return learner, Experience(maps, action, log_probability, value, advantage, active), score
+    return learner, Experience(seen, choice, log_probability, value, advantage, active), score
 
 
 def loss(
@@ -257,14 +378,14 @@ def loss(
 
 
 def update(
-    learner: Learner, config: Hyperparameters, domain: Domain, total_updates: int
+    learner: Learner, config: Hyperparameters, domain: Domain, total_updates: int, decider: Decider = EACH
 ) -> tuple[Learner, dict[str, Float[Array, ""]]]:
     """Collect experience once, then optimise on it ``epochs`` times in ``minibatches`` pieces.
 
     Returns: the learner, and means of the scores and of the loss's parts by name.
     """
     shaping = jnp.clip(1.0 - learner.updates / max(config.shaping * total_updates, 1.0), 0.0, 1.0)
-    learner, experience, score = collect(learner, config, domain, shaping)
+    learner, experience, score = collect(learner, config, domain, shaping, decider)
     shape = learner.games.shape
     adam = optimizer(config, total_updates)
     rows: Experience = jax.tree.map(lambda x: x.reshape(-1, *x.shape[3:]), experience)
@@ -279,7 +400,7 @@ def update(
         arrays, state = carry
         batch = jax.tree.map(lambda x: x[chosen], rows)
         if config.symmetries:
-            batch = turned(batch, side)
+            batch = turned(batch, side, decider)
         networks = eqx.combine(arrays, static)
         gradient, parts = eqx.filter_grad(objective, has_aux=True)(networks, batch)
         steps, state = adam.update(gradient, state, arrays)
@@ -310,7 +431,7 @@ def dealt(
     return order[: pieces * size].reshape(size, pieces).T
 
 
-def turned(batch: Experience, side: Int[Array, ""]) -> Experience:
+def turned(batch: Experience, side: Int[Array, ""], decider: Decider = EACH) -> Experience:
     """The same experience in a zone that is turned or mirrored (one of the square's 8 symmetries).
 
     The game has no preferred direction, so what was a good action stays one: each decision teaches eight.
@@ -318,7 +439,7 @@ def turned(batch: Experience, side: Int[Array, ""]) -> Experience:
     n = batch.maps.shape[-1]
     cells, actions = (jnp.asarray(table)[side] for table in _symmetry_tables(n))
     maps = batch.maps.reshape(*batch.maps.shape[:-2], n * n)[..., cells].reshape(batch.maps.shape)
-    return batch._replace(maps=maps, action=actions[batch.action])
+    return batch._replace(maps=maps, action=decider.choice(actions[decider.act(batch.action)]))
 
 
 @cache
@@ -337,13 +458,3 @@ def _symmetry_tables(n: int) -> tuple[np.ndarray, np.ndarray]:
             headings = np.stack([headings[:, 1], -headings[:, 0]], axis=1)
         actions.append([int(np.argmin(((moves - heading) ** 2).sum(1))) for heading in headings])
     return np.array(cells), np.array(actions)
-
-
-def _where(mask: Bool[Array, " games"], yes: game.State, no: game.State) -> game.State:
-    """Row by row, one game or the other."""
-
-    def choose(a: Array, b: Array) -> Array:
-        return jnp.where(mask.reshape(mask.shape + (1,) * (a.ndim - 1)), a, b)
-
-    chosen: game.State = jax.tree.map(choose, yes, no)
-    return chosen

@@ -17,23 +17,25 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
-import equinox as eqx
 import jax
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from jaxtyping import PRNGKeyArray
 
 from skyrelay.coordination.settings import Domain, Shape
 from skyrelay.core.errors import TrainingError
 from skyrelay.core.files import atomic_path, write_bytes, write_text
 from skyrelay.learning import checkpoint
-from skyrelay.learning.evaluation import UNSEEN, greedy_episodes, summary
+from skyrelay.learning.evaluation import UNSEEN, greedy_episodes, named, summary
 from skyrelay.learning.networks import Network
 from skyrelay.learning.onnx import export
-from skyrelay.learning.ppo import Learner, begin, update
+from skyrelay.learning.ppo import EACH, Decider, Learner, update
 from skyrelay.learning.presets import Training
 from skyrelay.policy.card import Card, Evaluation
 
@@ -106,60 +108,9 @@ def train(
     Raises:
         TrainingError: a number was not finite, the folder already holds a training, or the checkpoint is of another.
     """
-    place = out / "checkpoint.npz"
-    identity = json.loads(json.dumps(dataclasses.asdict(config)))
-    if place.exists() and not resume:
-        raise TrainingError(out, "a folder with a checkpoint", "another --out, or --resume to go on with it")
-    report(Report("compiling", 0, config.updates, 0, 0.0))
-    started = time.perf_counter()
-    learner = _begin(config)
-    curves: list[dict[str, float]] = []
-    seconds = 0.0
-    if resume:
-        about = checkpoint.about(place)
-        if about["training"] != identity:
-            raise TrainingError(
-                place, None, f"a checkpoint of this training ({_difference(about['training'], identity)})"
-            )
-        learner = checkpoint.load(place, learner)
-        curves = pq.read_table(out / "curves.parquet").to_pylist()[: int(learner.updates)]
-        seconds = curves[-1]["seconds"] if curves else 0.0
-    turn = compiled_update(config, learner)
-    compile_seconds = time.perf_counter() - started
-    write_text(out / "training.json", json.dumps({"training": identity, "versions": versions()}, indent=2) + "\n")
-    writer = _tensorboard(out) if tensorboard else None
-
-    tests = max(1, config.test_every // config.hyperparameters.steps_per_update)
-    done = int(learner.updates)
-    with _interruptible() as interrupted:
-        while done < config.updates and not interrupted():
-            began = time.perf_counter()
-            learner, metrics = turn(learner)
-            metrics = jax.device_get(metrics)
-            seconds += time.perf_counter() - began
-            done += 1
-            steps = done * config.hyperparameters.steps_per_update
-            row = {"update": float(done), "steps": float(steps), "seconds": seconds}
-            row |= {name: float(value) for name, value in metrics.items()}
-            _check_finite(row, out)
-            if done % tests == 0 or done == config.updates:
-                row |= {f"test_{name}": measure["mean"] for name, measure in test(learner.actor, config).items()}
-            curves.append(row)
-            if done % tests == 0 or done == config.updates or interrupted():
-                _save(out, learner, curves, identity)
-            if writer:
-                for key, value in row.items():
-                    writer.add_scalar(key, value, steps)
-            report(Report("training", done, config.updates, steps, seconds, row))
-    if writer:
-        writer.close()
-    if done < config.updates:
-        _save(out, learner, curves, identity)
-        return Trained(learner.actor, curves, seconds, compile_seconds, False, None, [])
-
-    report(Report("evaluating", done, config.updates, done * config.hyperparameters.steps_per_update, seconds))
-    policy, evaluation = _finish(learner.actor, config, out, name or default_name(config), command, evaluation_episodes)
-    return Trained(learner.actor, curves, seconds, compile_seconds, True, policy, evaluation)
+    return _train(
+        [config], [out], resume, report, [name or default_name(config)], command, evaluation_episodes, tensorboard
+    )[0]
 
 
 def train_side_by_side(
@@ -184,82 +135,201 @@ def train_side_by_side(
         TrainingError: a number was not finite, or a folder already holds a training.
     """
     configs = [dataclasses.replace(config, seed=seed) for seed in seeds]
-    identities = [json.loads(json.dumps(dataclasses.asdict(one))) for one in configs]
     folders = [out / f"seed-{seed}" for seed in seeds]
+    names = [f"{name or default_name(config)}-seed{seed}" for seed in seeds]
+    return _train(configs, folders, False, report, names, command, evaluation_episodes, False)
+
+
+def _train(
+    configs: list[Training],
+    folders: list[Path],
+    resume: bool,
+    report: Callable[[Report], None],
+    names: list[str],
+    command: str,
+    evaluation_episodes: int,
+    tensorboard: bool,
+) -> list[Trained]:
+    """Trainings that differ in nothing but their seeds, each into its folder."""
+    config = configs[0]
+    identities = [json.loads(json.dumps(dataclasses.asdict(one))) for one in configs]
     for folder in folders:
-        if (folder / "checkpoint.npz").exists():
-            raise TrainingError(
-                folder, "a folder with a checkpoint", "another --out, or --resume to go on with it alone"
-            )
+        if (folder / "checkpoint.npz").exists() and not resume:
+            raise TrainingError(folder, "a folder with a checkpoint", "another --out, or --resume to go on with it")
     report(Report("compiling", 0, config.updates, 0, 0.0))
     started = time.perf_counter()
-    keys = jax.vmap(jax.random.key)(jax.numpy.asarray(seeds, jax.numpy.uint32))
-    learners: Learner = eqx.filter_jit(eqx.filter_vmap(lambda key: _begin_with(config, key)))(keys)
-    turn = compiled_update(config, learners, side_by_side=True)
+    course = Course(config, [one.seed for one in configs])
+    if resume:
+        course.resume(folders, identities)
     compile_seconds = time.perf_counter() - started
-    for folder, identity in zip(folders, identities, strict=True):
-        write_text(
-            folder / "training.json", json.dumps({"training": identity, "versions": versions()}, indent=2) + "\n"
-        )
-
-    curves: list[list[dict[str, float]]] = [[] for _ in seeds]
-    tests = max(1, config.test_every // config.hyperparameters.steps_per_update)
-    seconds, done, steps = 0.0, 0, 0
+    writer = _tensorboard(folders[0]) if tensorboard else None
 
     def save() -> None:
         for index, folder in enumerate(folders):
-            _save(folder, _of_seed(learners, index), curves[index], identities[index])
+            _save(folder, course.learner(index), course.curves[index], identities[index])
 
     with _interruptible() as interrupted:
-        while done < config.updates and not interrupted():
-            began = time.perf_counter()
-            learners, metrics = turn(learners)
-            metrics = jax.device_get(metrics)
-            seconds += time.perf_counter() - began
-            done += 1
-            steps = done * config.hyperparameters.steps_per_update
-            due = done % tests == 0 or done == config.updates
-            for index, folder in enumerate(folders):
-                row = {"update": float(done), "steps": float(steps), "seconds": seconds}
-                row |= {measure: float(values[index]) for measure, values in metrics.items()}
+        for folder, identity in zip(folders, identities, strict=True):
+            told = {"training": identity, "versions": versions()}
+            write_text(folder / "training.json", json.dumps(told, indent=2) + "\n")
+        while not course.finished and not interrupted():
+            rows = course.turn()
+            for row, folder in zip(rows, folders, strict=True):
                 _check_finite(row, folder)
-                if due:
-                    measures = test(_of_seed(learners, index).actor, configs[index])
-                    row |= {f"test_{measure}": found["mean"] for measure, found in measures.items()}
-                curves[index].append(row)
-            if due or interrupted():
+            if course.test_is_due:
+                course.test()
+            if course.test_is_due or interrupted():
                 save()
-            report(Report("training", done, config.updates, steps, seconds, curves[0][-1]))
-    actors = [_of_seed(learners, index).actor for index in range(len(seeds))]
-    if done < config.updates:
+            if writer:
+                for key, value in rows[0].items():
+                    writer.add_scalar(key, value, course.steps)
+            report(Report("training", course.done, config.updates, course.steps, course.seconds, rows[0]))
+    if writer:
+        writer.close()
+    if not course.finished:
         save()
-        pairs = zip(actors, curves, strict=True)
-        return [Trained(actor, curve, seconds, compile_seconds, False, None, []) for actor, curve in pairs]
-
-    report(Report("evaluating", done, config.updates, steps, seconds))
+    else:
+        report(Report("evaluating", course.done, config.updates, course.steps, course.seconds))
     results = []
-    for actor, own, folder, curve in zip(actors, configs, folders, curves, strict=True):
-        title = f"{name or default_name(config)}-seed{own.seed}"
-        policy, evaluation = _finish(actor, own, folder, title, command, evaluation_episodes)
-        results.append(Trained(actor, curve, seconds, compile_seconds, True, policy, evaluation))
+    for index, (own, folder, name) in enumerate(zip(configs, folders, names, strict=True)):
+        actor = course.learner(index).actor
+        policy: Path | None = None
+        evaluation: list[Evaluation] = []
+        if course.finished:
+            policy, evaluation = _finish(actor, own, folder, name, command, evaluation_episodes)
+        curve = course.curves[index]
+        results.append(Trained(actor, curve, course.seconds, compile_seconds, course.finished, policy, evaluation))
     return results
 
 
-def compiled_update(
-    config: Training, learner: Learner, *, side_by_side: bool = False
-) -> Callable[[Learner], tuple[Learner, dict[str, Any]]]:
-    """`ppo.update` of this training, compiled for ``learner``; its argument's memory is reused.
+class Course:
+    """The one loop of every training, turn by turn: seeds side by side, one of them or many.
+
+    Attributes:
+        config: what is trained; its own seed is not used.
+        seeds: one learner each.
+        learners: with a leading axis of seeds.
+        curves: of each seed, one row an update.
+        done: updates.
+        seconds: spent in updates.
 
     Args:
-        side_by_side: the learner has a leading axis of seeds, and so have the results.
+        decider: who decides in a team.
     """
 
-    def one(learner: Learner) -> tuple[Learner, dict[str, Any]]:
-        return update(learner, config.hyperparameters, config.domain, config.updates)
+    def __init__(self, config: Training, seeds: Sequence[int], decider: Decider = EACH) -> None:
+        self.config, self.seeds, self.decider = config, list(seeds), decider
+        start, self._turn = _programs(dataclasses.replace(config, seed=0), len(self.seeds), decider)
+        self.learners = start(_keys(self.seeds))
+        self.curves: list[list[dict[str, float]]] = [[] for _ in self.seeds]
+        self.done, self.seconds = 0, 0.0
+        self._tests = max(1, config.test_every // config.hyperparameters.steps_per_update)
 
-    jitted: Any = eqx.filter_jit(eqx.filter_vmap(one) if side_by_side else one, donate="all")
-    compiled: Callable[[Learner], tuple[Learner, dict[str, Any]]] = jitted.lower(learner).compile()
-    return compiled
+    @property
+    def steps(self) -> int:
+        """Of a team, done."""
+        return self.done * self.config.hyperparameters.steps_per_update
+
+    @property
+    def finished(self) -> bool:
+        """All updates are done."""
+        return self.done >= self.config.updates
+
+    @property
+    def test_is_due(self) -> bool:
+        """After the newest update."""
+        return self.done % self._tests == 0 or self.finished
+
+    def learner(self, index: int) -> Learner:
+        """Of one seed, without the axis."""
+        one: Learner = jax.tree.map(lambda leaf: leaf[index], self.learners)
+        return one
+
+    def turn(self) -> list[dict[str, float]]:
+        """One update of every seed; returns its new rows of the curves."""
+        began = time.perf_counter()
+        self.learners, metrics = self._turn(self.learners)
+        metrics = jax.device_get(metrics)
+        self.seconds += time.perf_counter() - began
+        self.done += 1
+        rows = []
+        for index, curve in enumerate(self.curves):
+            row = {"update": float(self.done), "steps": float(self.steps), "seconds": self.seconds}
+            row |= {name: float(values[index]) for name, values in metrics.items()}
+            curve.append(row)
+            rows.append(row)
+        return rows
+
+    def test(self) -> None:
+        """Greedy tests into the newest rows; every test of a seed plays the same games."""
+        for index, seed in enumerate(self.seeds):
+            config = self.config
+            key = jax.random.fold_in(jax.random.key(seed), UNSEEN - 1)
+            actor = self.learner(index).actor
+            found = greedy_episodes(actor, key, config.test_episodes, config.shape, config.domain, self.decider)
+            means = named(np.mean(np.asarray(found), axis=1, dtype=np.float64))
+            self.curves[index][-1] |= {f"test_{name}": mean for name, mean in means.items()}
+
+    def resume(self, folders: Sequence[Path], identities: Sequence[dict[str, Any]]) -> None:
+        """Go on from checkpoints that are equally far, one of each seed.
+
+        Raises:
+            TrainingError: one cannot be read, or is of another training.
+        """
+        restored = []
+        for index, (folder, identity) in enumerate(zip(folders, identities, strict=True)):
+            place = folder / "checkpoint.npz"
+            about = checkpoint.about(place)
+            if about["training"] != identity:
+                difference = _difference(about["training"], identity)
+                raise TrainingError(place, None, f"a checkpoint of this training ({difference})")
+            restored.append(checkpoint.load(place, self.learner(index)))
+            self.done = int(restored[-1].updates)
+            self.curves[index] = pq.read_table(folder / "curves.parquet").to_pylist()[: self.done]
+            self.seconds = self.curves[index][-1]["seconds"] if self.curves[index] else 0.0
+        self.learners = jax.tree.map(lambda *leaves: jax.numpy.stack(leaves), *restored)
+
+
+_Start = Callable[[PRNGKeyArray], Learner]
+_Turn = Callable[[Learner], tuple[Learner, dict[str, Any]]]
+
+
+@lru_cache(maxsize=1)
+def _programs(config: Training, count: int, decider: Decider) -> tuple[_Start, _Turn]:
+    """How ``count`` trainings begin and how they go on, compiled once whatever their seeds.
+
+    Of both, arguments and results have a leading axis of seeds; the second reuses the memory of its argument.
+    """
+    hyperparameters, domain, updates = config.hyperparameters, config.domain, config.updates
+
+    def begin(key: PRNGKeyArray) -> Learner:
+        return decider.begin(key, hyperparameters, config.shape, domain, updates)
+
+    def go_on(learner: Learner) -> tuple[Learner, dict[str, Any]]:
+        return update(learner, hyperparameters, domain, updates, decider)
+
+    # One seed alone is not batched: a batch of one rounds differently, and weights are to be the same bit for bit.
+    side_by_side = jax.vmap if count > 1 else _alone
+    keys = _keys(range(count))
+    begun = jax.jit(side_by_side(begin))
+    learners = jax.eval_shape(begun, keys)
+    start: _Start = begun.lower(keys).compile()
+    turn: _Turn = jax.jit(side_by_side(go_on), donate_argnums=0).lower(learners).compile()
+    return start, turn
+
+
+def _alone(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """As `jax.vmap` along an axis of length 1, by taking the axis off and putting it on again."""
+
+    def one(argument: Any) -> Any:
+        return jax.tree.map(lambda leaf: leaf[None], function(jax.tree.map(lambda leaf: leaf[0], argument)))
+
+    return one
+
+
+def _keys(seeds: Sequence[int]) -> PRNGKeyArray:
+    keys: PRNGKeyArray = jax.vmap(jax.random.key)(jax.numpy.asarray(seeds, jax.numpy.uint32))
+    return keys
 
 
 def estimate(config: Training) -> float:
@@ -271,17 +341,11 @@ def estimate(config: Training) -> float:
     whole = config.hyperparameters
     horizon = max(1, whole.horizon // whole.minibatches)
     piece = dataclasses.replace(config, hyperparameters=dataclasses.replace(whole, horizon=horizon, minibatches=1))
-    learner = _begin(piece)
-    turn = compiled_update(piece, learner)
+    start, turn = _programs(dataclasses.replace(piece, seed=0), 1, EACH)
+    learners = start(_keys([config.seed]))
     began = time.perf_counter()
-    jax.device_get(turn(learner)[1])
+    jax.device_get(turn(learners)[1])
     return (time.perf_counter() - began) * whole.horizon / horizon * config.updates
-
-
-def test(actor: Network, config: Training) -> dict[str, dict[str, float]]:
-    """The greedy test of a training: the same games at every test."""
-    key = _test_key(config)
-    return summary(greedy_episodes(actor, key, config.test_episodes, config.shape, config.domain))
 
 
 def evaluate(actor: Network, config: Training, episodes: int) -> list[Evaluation]:
@@ -352,21 +416,6 @@ def versions() -> dict[str, str]:
     return {name: importlib.metadata.version(name) for name in ("skyrelay", "jax", "equinox", "optax", "onnx")}
 
 
-def _begin(config: Training) -> Learner:
-    learner: Learner = eqx.filter_jit(lambda key: _begin_with(config, key))(jax.random.key(config.seed))
-    return learner
-
-
-def _begin_with(config: Training, key: jax.Array) -> Learner:
-    return begin(key, config.hyperparameters, config.shape, config.domain, config.updates)
-
-
-def _of_seed(learners: Learner, row: int) -> Learner:
-    """One of several learners that are trained side by side."""
-    one: Learner = jax.tree.map(lambda leaf: leaf[row] if eqx.is_array(leaf) else leaf, learners)
-    return one
-
-
 def _finish(
     actor: Network, config: Training, out: Path, name: str, command: str, episodes: int
 ) -> tuple[Path, list[Evaluation]]:
@@ -375,10 +424,6 @@ def _finish(
     policy = out / "policy.onnx"
     write_bytes(policy, export(actor, make_card(config, name, command, evaluation)))
     return policy, evaluation
-
-
-def _test_key(config: Training) -> jax.Array:
-    return jax.random.fold_in(jax.random.key(config.seed), UNSEEN - 1)
 
 
 def _check_finite(row: dict[str, float], out: Path) -> None:
@@ -420,9 +465,10 @@ def _interruptible() -> Iterator[Callable[[], bool]]:
         yield asked.is_set
         return
 
-    def ask(number: int, frame: FrameType | None) -> None:
+    def ask(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 (the signal module's form)
         if asked.is_set():
-            signal.default_int_handler(number, frame)
+            signal.signal(signal.SIGINT, before)
+            signal.raise_signal(signal.SIGINT)
         asked.set()
 
     before = signal.signal(signal.SIGINT, ask)

@@ -1,8 +1,9 @@
-"""Means over seeds with their 95 % intervals."""
+"""Means of independent values (episodes, seeds) with their 95 % intervals."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,10 +28,15 @@ class Interval:
         """``12.3 % [11.0, 13.6]``."""
         return f"{self.mean:.{digits}f}{unit} [{self.low:.{digits}f}, {self.high:.{digits}f}]"
 
+    def closed(self) -> dict[str, float]:
+        """Mean, low and high for JSON, which has no NaN: a single value is its own bounds."""
+        low, high = (self.mean if math.isnan(bound) else bound for bound in (self.low, self.high))
+        return {"mean": self.mean, "low": low, "high": high}
 
-def interval(values: Sequence[float | None]) -> Interval:
+
+def interval(values: Iterable[float | None]) -> Interval:
     """Of the values that are there (None and NaN are not)."""
-    there = np.array([value for value in values if value is not None and not np.isnan(value)])
+    there = np.array([value for value in values if value is not None and not np.isnan(value)], np.float64)
     if not len(there):
         return Interval(np.nan, np.nan, np.nan, 0)
     mean = float(there.mean())
