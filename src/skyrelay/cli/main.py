@@ -93,6 +93,8 @@ def main() -> None:
         # The reader of a pipe has gone (`| head`): nothing more to say, and nothing to flush at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
+    if status == 130:  # what Typer makes of KeyboardInterrupt
+        _stop("interrupted", 130)
     sys.exit(status if isinstance(status, int) else 0)
 
 

@@ -46,7 +46,7 @@ def command(
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the folder's checkpoint.")] = False,
     tensorboard: Annotated[bool, typer.Option("--tensorboard", help="Also write TensorBoard event files.")] = False,
     as_json: Json = False,
-) -> int:
+) -> None:
     """Train a policy by PPO; Ctrl-C leaves a checkpoint that --resume goes on from.
 
     \b
@@ -81,14 +81,16 @@ def command(
             results = train_side_by_side(
                 config, range(seed, seed + seeds), out, report=progress, name=name, command=line
             )
-            print_result(_outcomes(results, out), as_json)
-            return 0 if results[0].finished else 130
-        result = train(config, out, resume=resume, report=progress, name=name, command=line, tensorboard=tensorboard)
-    print_result(_outcome(result, out), as_json)
-    if not result.finished:
-        typer.echo(f"skyrelay: interrupted; go on with --resume --out {out}", err=True)
-        return 130
-    return 0
+            outcome, how = _outcomes(results, out), f"each by itself: --resume --seed N --out {out}/seed-N"
+        else:
+            result = train(
+                config, out, resume=resume, report=progress, name=name, command=line, tensorboard=tensorboard
+            )
+            outcome, how = _outcome(result, out), f"--resume --out {out}"
+    print_result(outcome, as_json)
+    if not outcome["finished"]:
+        typer.echo(f"skyrelay: interrupted; go on with {how}", err=True)
+        raise SystemExit(130)
 
 
 def _arguments(argv: list[str]) -> list[str]:
@@ -125,9 +127,7 @@ def _outcome(result: Any, out: Path) -> dict[str, Any]:
 
 def _outcomes(results: list[Any], out: Path) -> dict[str, Any]:
     """Of trainings side by side: what each reached in its last test, and the interval over them."""
-    import numpy as np
-
-    from skyrelay.learning.evaluation import interval
+    from skyrelay.core.statistics import interval
 
     last = [result.curves[-1] if result.curves else {} for result in results]
     outcome: dict[str, Any] = {
@@ -141,5 +141,5 @@ def _outcomes(results: list[Any], out: Path) -> dict[str, Any]:
     for measure in ("return", "coverage", "connectivity"):
         values = [row[f"test_{measure}"] for row in last if f"test_{measure}" in row]
         if values:
-            outcome[measure] = interval(np.array(values)) | {"each": values}
+            outcome[measure] = interval(values).closed() | {"each": values}
     return outcome
