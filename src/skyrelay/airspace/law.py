@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skyrelay.airspace.charge import Cost
+from skyrelay.airspace.rotor import rated
 from skyrelay.core.entities import FloatArray
 from skyrelay.core.resolved import ResolvedScenario
 from skyrelay.core.scenario import Energy
@@ -22,7 +23,7 @@ class Law:
         reach: range of the UAV-vehicle and the UAV-UAV link [m].
         speed: of a UAV [m/s].
         seconds: a step takes [s].
-        energy: what flying costs.
+        energy: what flying costs; the rates are those of its model.
         walls: [W, 5] of the buildings [m], heights over the UAVs' altitude (`in_sight` of
             `skyrelay.airspace.flight`); None on open ground.
         patience: beyond this age a beacon no longer counts [s].
@@ -50,7 +51,7 @@ class Law:
             reach=fleet.range,
             speed=fleet.speed,
             seconds=coordination.step_seconds,
-            energy=scenario.energy,
+            energy=rated(scenario.energy, fleet.speed),
             walls=np.array(walls, dtype=np.float64) if walls else None,
             patience=coordination.patience,
         )

@@ -160,8 +160,18 @@ class Coordination(_Section):
 class Energy(_Section):
     """What flying costs (a battery of 100 % empties in 25 minutes of hovering by default)."""
 
-    hover_per_minute: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(4.0, description="[% of the battery]")
-    move_per_minute: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(5.0, description="[% of the battery]")
+    model: Literal["linear", "rotary-wing"] = Field(
+        "linear", description="linear: by the two rates below; rotary-wing: power by speed (Zeng et al. 2019)"
+    )
+    battery: Annotated[float, Field(ge=1, le=1e6, allow_inf_nan=False)] = Field(
+        70.0, description="rotary-wing: what a full battery holds [Wh]"
+    )
+    hover_per_minute: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
+        4.0, description="linear: [% of the battery]"
+    )
+    move_per_minute: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
+        5.0, description="linear: [% of the battery]"
+    )
     reserve: Percent = Field(3.0, description="at or below it a UAV leaves, and selection replaces it [%]")
     charge_per_minute: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
         0.0, description="what hovering at its zone's charging point gives; 0: there are none [% of the battery]"
