@@ -1,5 +1,5 @@
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skyrelay.core.zones import ZoneGrid
@@ -7,6 +7,7 @@ from skyrelay.core.zones import ZoneGrid
 METRES = st.floats(-1e5, 1e5)
 
 
+@settings(deadline=None)
 @given(METRES, METRES, st.floats(1, 1e5), st.floats(1, 1e5), st.integers(1, 9), st.integers(1, 9), st.data())
 def test_every_point_of_the_box_lies_in_the_square_of_its_zone(x0, y0, width, height, columns, rows, data):
     grid = ZoneGrid.over(x0, y0, x0 + width, y0 + height, columns, rows)
