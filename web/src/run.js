@@ -100,7 +100,7 @@ export class RecordedRun extends Run {
     for (let i = 0; i < this.vehicle.length; i++) this.rows[next[this.vehicle_step[i]]++] = i;
     this.tracksLast = this.vehicle.length;
     this.proposals = this.#indexProposals();
-    this.alerts = this.#alerts();
+    this.alerts = header.alerts.map(([step, kind, about, text]) => ({ step, kind, about, text }));
   }
 
   frame(kind, step) {
@@ -161,32 +161,6 @@ export class RecordedRun extends Run {
       period.of.set(this.proposal_vehicle[i], i);
     }
     return periods;
-  }
-
-  /* What a watcher would have been told, by step: batteries, and selections that were decided after their period began. */
-  #alerts() {
-    const found = [];
-    this.uavs.forEach((id, u) => {
-      let warned = false;
-      for (let step = 0; step < this.columns; step++) {
-        const i = u * this.columns + step;
-        const battery = this.uav_battery[i];
-        if (!(this.uav_state[i] & 1)) {
-          if (step) found.push({ step, kind: "low-battery", about: id, text: `${id} has landed, its battery at ${battery.toFixed(1)} %` });
-          break;
-        }
-        if (warned || battery > this.reserve + 2) continue;
-        warned = true;
-        found.push({ step, kind: "low-battery", about: id, text: `${id} has ${battery.toFixed(1)} % left` });
-      }
-    });
-    for (let i = 0; i < this.event_step.length; i++) {
-      if (this.eventNames[this.event_name[i]] !== "ZoneAllocated") continue;
-      const late = this.event_step[i] % this.periodSteps;
-      const zone = this.eventArgs[i][this.eventArgs[i].indexOf("zone") + 1];
-      if (late) found.push({ step: this.event_step[i], kind: "late-allocation", about: zone, text: `zone ${zone} was allocated ${late} steps after its period began` });
-    }
-    return found.sort((a, b) => a.step - b.step);
   }
 }
 

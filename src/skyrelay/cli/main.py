@@ -19,6 +19,7 @@ from skyrelay.cli import (
     chain_serve,
     evaluate,
     explain,
+    live,
     models,
     record,
     report,
@@ -45,6 +46,7 @@ app.command("up")(up.command)
 app.command("agent")(agent.command)
 app.command("scenario")(scenario.command)
 app.command("report")(report.command)
+app.command("live")(live.command)
 app.command("audit")(audit.command)
 app.command("explain")(explain.command)
 app.command("select")(select.command)

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from skyrelay.core.errors import RunFolderError
 from skyrelay.core.untrusted import parse_json
+from skyrelay.report.alerts import alerts
 from skyrelay.runfolder.reader import MAX_TEXT, Run
 
 COLOURS = 8
@@ -135,7 +136,7 @@ def _contents(run: Run) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
             for building in run.scenario.obstacles.buildings
         ],
         "charging": _charging(run),
-        "reserve": run.scenario.energy.reserve,
+        "alerts": [[step, *alert] for step, alert in alerts(run)],
         "box": [low_x, low_y, high_x, high_y],
         "vehicles": vehicle_ids,
         "uavs": fleet,
@@ -147,7 +148,7 @@ def _contents(run: Run) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
             )
         ),
         "eventNames": names,
-        "eventArgs": [_arguments(run, int(row), names_of) for row in order],
+        "eventArgs": [event_arguments(run, int(row), names_of) for row in order],
     }
     return header, arrays
 
@@ -217,7 +218,7 @@ def _colours(zone: npt.NDArray[np.int32], state: npt.NDArray[np.uint8]) -> list[
     return colours
 
 
-def _arguments(run: Run, row: int, names: Mapping[str, str]) -> list[str]:
+def event_arguments(run: Run, row: int, names: Mapping[str, str]) -> list[str]:
     """An event's arguments as text: name, value, name, value...; an account is called by its name."""
     place = f"{run.path / 'events.parquet'}: args[{row}]"
     text = run.events["args"][row]

@@ -1,0 +1,48 @@
+"""What somebody who watched a run would have been told to look at."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from skyrelay.runfolder import Run
+from skyrelay.runfolder.feed import Alert
+
+LOW = 2.0
+"""A battery that is at most so much above the reserve is low [%]."""
+
+
+def alerts(run: Run) -> list[tuple[int, Alert]]:
+    """By step: batteries that run low, UAVs that land, and allocations that came after their period's first step."""
+    found = [*_batteries(run), *_late(run)]
+    return sorted(found, key=lambda one: (one[0], one[1].about))
+
+
+def _batteries(run: Run) -> list[tuple[int, Alert]]:
+    found = []
+    reserve = run.scenario.energy.reserve
+    order = np.lexsort((run.uavs["step"], run.uavs["uav"].astype(str)))
+    columns = (run.uavs[name][order].tolist() for name in ("step", "uav", "zone", "battery"))
+    warned, landed, last = False, False, ""
+    for step, uav, zone, battery in zip(*columns, strict=True):
+        if uav != last:
+            warned, landed, last = False, False, uav
+        if zone == 0 and not landed:
+            landed = True
+            found.append((step, Alert("low-battery", uav, f"{uav} has landed, its battery at {battery:.1f} %")))
+        elif not warned and not landed and battery <= reserve + LOW:
+            warned = True
+            found.append((step, Alert("low-battery", uav, f"{uav} has {battery:.1f} % left")))
+    return found
+
+
+def _late(run: Run) -> list[tuple[int, Alert]]:
+    found = []
+    names, steps = run.events["name"], run.events["step"]
+    for row in np.flatnonzero((names == "ZoneAllocated") & (steps % run.summary.period_steps != 0)).tolist():
+        zone = json.loads(run.events["args"][row]).get("zone", "")
+        late = int(steps[row]) % run.summary.period_steps
+        text = f"zone {zone} was allocated {late} steps after its period began"
+        found.append((int(steps[row]), Alert("late-allocation", str(zone)[:256], text[:500])))
+    return found
