@@ -27,6 +27,7 @@ from skyrelay.cli import (
     run,
     scenario,
     select,
+    trace,
     train,
     up,
 )
@@ -56,6 +57,7 @@ app.command("train")(train.command)
 app.command("evaluate")(evaluate.command)
 app.command("baseline")(baseline.command)
 app.add_typer(models.app, name="models")
+app.add_typer(trace.app, name="trace")
 
 chain = typer.Typer(
     help="The contract's chain: a consortium on this machine, and what calls cost.", no_args_is_help=True

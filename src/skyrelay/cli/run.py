@@ -67,6 +67,8 @@ def command(
 def lines(s: Mapping[str, Any], folder: Path) -> Iterator[tuple[str, str]]:
     """The summary for people."""
     yield "Vehicles", f"{s['vehicles']:,} connected, {s['vehicles_per_period']:,.0f} at a time"
+    for note in s["trace_notes"]:
+        yield "Trace", note
     yield "UAVs", f"{s['uavs']:,} over {s['zones']} zones; {s['uavs_retired']} left with an empty battery"
     qualities = "" if s["mean_qou"] is None else f"; mean QoU {s['mean_qou']:.1f}, mean QoV {s['mean_qov']:.1f}"
     yield "Selection", f"{s['periods']} periods, {s['served_per_period']:,.0f} vehicles served at a time{qualities}"

@@ -90,7 +90,18 @@ class Mobility(_Section):
     start: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
         0.0, description="where in the trace to begin [s after its first sample]"
     )
-    vehicles: Annotated[int, Field(ge=1)] = Field(200, description="synthetic models: how many vehicles")
+    units: Literal["auto", "m", "km", "ft", "degrees"] = Field(
+        "auto",
+        description="of the trace's positions; auto: metres, or degrees where columns, format or speeds say so",
+    )
+    time_unit: Literal["s", "ms", "us", "ns"] = Field("s", description="of the trace's times where they are numbers")
+    max_gap: Annotated[float, Field(gt=0, le=86_400)] = Field(
+        30.0, description="between samples further apart a vehicle is absent [s]"
+    )
+    lost_fixes: Literal["refuse", "drop"] = Field(
+        "refuse", description="single samples at places that the vehicle cannot have reached"
+    )
+    vehicles: Annotated[int, Field(ge=1, le=1_000_000)] = Field(200, description="synthetic models: how many vehicles")
     area: Positive = Field(6000.0, description="synthetic models: side of the square area [m]")
     speed: Bounds = Field((4.5, 15.0), description="synthetic models: vehicle speed, uniform between [m/s]")
     turn_probability: Share = Field(0.5, description="manhattan: probability of a turn at a step")

@@ -10,12 +10,12 @@ import numpy as np
 
 from skyrelay.core.entities import FloatArray
 from skyrelay.core.errors import TraceError
-from skyrelay.core.scenario import Scenario
+from skyrelay.core.scenario import Mobility, Scenario
 from skyrelay.mobility.synthetic import manhattan, random_waypoint
-from skyrelay.mobility.trace import Trace, read_trace
+from skyrelay.mobility.trace import DEFAULTS, FASTEST, Trace, read_trace
 
-MAX_GAP = 30.0
-"""Between two samples further apart than this [s] a vehicle is taken to be absent."""
+MICROSECONDS = 1_000_000
+"""Times are compared in whole microseconds, so that a tenth of a second is what it is."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class Tracks:
         x, y: [S+1, V] position [m] at each step; NaN where the vehicle is not there.
         box: the area's smallest x and y, largest x and y [m].
         attribution: of the data behind it, or an empty text.
+        notes: what was made of that data (`Trace.notes`).
     """
 
     ids: tuple[str, ...]
@@ -34,6 +35,7 @@ class Tracks:
     y: FloatArray
     box: tuple[float, float, float, float]
     attribution: str = ""
+    notes: tuple[str, ...] = ()
 
 
 def builtin_traces() -> list[str]:
@@ -52,16 +54,23 @@ def load_tracks(scenario: Scenario) -> Tracks:
     mobility, flight = scenario.mobility, scenario.coordination
     random = np.random.default_rng([scenario.seed, 1])
     if mobility.source == "trace":
-        trace, place = open_trace(mobility.trace)
+        trace, place = open_trace(mobility.trace, mobility)
         times = trace.time.min() + mobility.start + flight.step_seconds * np.arange(flight.steps + 1)
-        if times[-1] > trace.time.max():
+        if times[-1] > trace.time.max() + 0.5 / MICROSECONDS:
             raise TraceError(
                 place,
                 f"{trace.time.max() - trace.time.min():g} s long",
                 f"{times[-1] - trace.time.min():g} s (mobility.start + coordination.steps x step_seconds)",
             )
         connected = random.random(len(trace.ids)) < mobility.penetration
-        return replay(trace, times, connected)
+        tracks = replay(trace, times, connected, mobility.max_gap)
+        if not tracks.ids:
+            expected = (
+                f"a share that connects at least one vehicle that is there between {times[0] - trace.time.min():g} and "
+                f"{times[-1] - trace.time.min():g} s of {place} (or another mobility.start)"
+            )
+            raise TraceError("mobility.penetration", mobility.penetration, expected)
+        return tracks
     model = manhattan if mobility.source == "manhattan" else random_waypoint
     x, y = model(mobility, flight.steps, flight.step_seconds, random)
     width = len(str(mobility.vehicles))
@@ -69,41 +78,47 @@ def load_tracks(scenario: Scenario) -> Tracks:
     return Tracks(ids, x, y, (0.0, 0.0, mobility.area, mobility.area))
 
 
-def replay(trace: Trace, times: FloatArray, connected: np.ndarray) -> Tracks:
+def replay(trace: Trace, times: FloatArray, connected: np.ndarray, max_gap: float = DEFAULTS.max_gap) -> Tracks:
     """A trace at given times [s], linear between its samples, of the vehicles marked in ``connected`` [V].
 
-    A vehicle is there from its first to its last sample; those never there at ``times`` are left out.
+    A vehicle is there from its first to its last sample, but between samples further apart than ``max_gap`` [s] or
+    than anything drives; those never there at ``times`` are left out.
     """
     rows = np.flatnonzero(connected)
     # One number orders all samples by vehicle, then time: then a single search serves every vehicle and step.
     begin = min(trace.time.min(), times[0])
-    span = max(trace.time.max(), times[-1]) - begin + 1.0
-    keys = trace.vehicle * span + (trace.time - begin)
-    wanted = rows[None, :] * span + (times - begin)[:, None]
+    clock, wanted_clock = (
+        np.rint((moments - begin) * MICROSECONDS).astype(np.int64) for moments in (trace.time, times)
+    )
+    span = int(max(clock.max(), wanted_clock.max())) + 1
+    keys = trace.vehicle * span + clock
+    wanted = rows[None, :] * span + wanted_clock[:, None]
     after = np.searchsorted(keys, wanted, side="left").clip(0, len(keys) - 1)
     exact = keys[after] == wanted
     before = np.where(exact, after, (after - 1).clip(0))
     gap = trace.time[after] - trace.time[before]
     same = (trace.vehicle[before] == rows) & (trace.vehicle[after] == rows)
-    there = same & (keys[before] <= wanted) & (wanted <= keys[after]) & (gap <= MAX_GAP)
+    way = np.hypot(trace.x[after] - trace.x[before], trace.y[after] - trace.y[before])
+    bridged = (gap <= max_gap) & (way <= FASTEST * gap)
+    there = same & (keys[before] <= wanted) & (wanted <= keys[after]) & bridged
     share = np.where(gap > 0, (times[:, None] - trace.time[before]) / np.where(gap > 0, gap, 1.0), 0.0)
     x = np.where(there, trace.x[before] + share * (trace.x[after] - trace.x[before]), np.nan)
     y = np.where(there, trace.y[before] + share * (trace.y[after] - trace.y[before]), np.nan)
     seen = there.any(axis=0)
     ids = tuple(trace.ids[row] for row in rows[seen])
-    return Tracks(ids, x[:, seen], y[:, seen], trace.box, trace.attribution)
+    return Tracks(ids, x[:, seen], y[:, seen], trace.box, trace.attribution, trace.notes)
 
 
-def open_trace(name: str) -> tuple[Trace, str]:
-    """A trace by the name of a built-in one or a file's path, and what to call it in a message.
+def open_trace(name: str, mobility: Mobility = DEFAULTS) -> tuple[Trace, str]:
+    """A trace by the name of a built-in one or a file's path, read as `[mobility]` says, and what to call it.
 
     Raises:
         TraceError: there is no such file, or it is no trace.
     """
     if name in builtin_traces():
         with as_file(files("skyrelay.data") / "traces" / f"{name}.parquet") as path:
-            return read_trace(path), f"built-in trace {name}"
+            return read_trace(path, mobility), f"built-in trace {name}"
     path = Path(name)
     if not path.exists():
         raise TraceError("mobility.trace", name, f"a file that exists, or one of: {', '.join(builtin_traces())}")
-    return read_trace(path), str(path)
+    return read_trace(path, mobility), str(path)

@@ -192,6 +192,7 @@ class Summary(BaseModel):
     step_seconds: Positive
     period_steps: Annotated[int, Field(ge=1)]
     grid: Grid
+    trace_notes: list[str] = Field([], max_length=100, description="what was made of the trace's file")
     attribution: str = Field("", max_length=10_000, description="whose trace was replayed, and under which licence")
     chain_seconds: Measure
     wall_seconds: Measure
