@@ -112,8 +112,14 @@ class Host:
         """Every beacon sent here reaches everyone here whom it is for."""
         self.hear(self.take_beacons())
 
-    def hear(self, beacons: Iterable[Beacon]) -> None:
-        """Beacons, each to whom it is for: the UAV that a vehicle tells, or the other UAVs of a UAV's zone."""
+    def hear(
+        self, beacons: Iterable[Beacon], reaches: Callable[[Beacon, Agent], bool] = lambda _beacon, _agent: True
+    ) -> None:
+        """Beacons, each to whom it is for: the UAV that a vehicle tells, or the other UAVs of a UAV's zone.
+
+        Args:
+            reaches: whether a beacon gets as far as an agent that it is for.
+        """
         tuned_in: dict[int, list[Agent | None]] = defaultdict(list)
         for agent in self.agents:
             if agent.tuned_in:
@@ -121,7 +127,7 @@ class Host:
         for beacon in beacons:
             hearers = tuned_in[beacon.zone] if beacon.to is None else [self._named.get(beacon.to)]
             for hearer in hearers:
-                if hearer is not None and hearer.address != beacon.sender:
+                if hearer is not None and hearer.address != beacon.sender and reaches(beacon, hearer):
                     hearer.receive(beacon)
 
     # What goes out
