@@ -26,6 +26,10 @@ def command(
         int | None, typer.Option("--chain-id", help="What the node's chain id must be.", show_default=False)
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a run folder that is already there.")] = False,
+    resume: Annotated[
+        Path | None,
+        typer.Option("--resume", metavar="DIR", help="Go on with a run to this folder that was killed."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Play a whole scenario: registration, selection on the chain, policies by CID, flight, and a report page.
@@ -36,20 +40,25 @@ def command(
       skyrelay run city.toml --out runs/city --seed 7
       skyrelay run --set mobility.trace=city.parquet --set fleet.uavs=60 --json
       skyrelay run --chain http://127.0.0.1:8545
+      skyrelay run --resume runs/bologna-1
     """
     from skyrelay.cli.progress import ShownProgress
     from skyrelay.core.scenario import load_scenario
     from skyrelay.report import write_figures, write_report
     from skyrelay.runfolder import new_run_folder
     from skyrelay.simulation import play
+    from skyrelay.simulation.resume import killed_run
 
     overrides = [*(override or ()), *([f"chain.url={chain}"] if chain else [])]
     if chain_id is not None:
         overrides.append(f"chain.chain_id={chain_id}")
-    config = load_scenario(scenario, overrides, seed)
-    target = out or Path("runs") / f"{config.name}-{config.seed}"
+    killed = None if resume is None else killed_run(resume)
+    config = load_scenario(scenario, overrides, seed) if killed is None else killed.scenario
+    target = resume or out or Path("runs") / f"{config.name}-{config.seed}"
 
     def draw(folder: Path) -> None:
+        if killed is not None:
+            killed.check(folder)
         progress.stage("Report", 2)
         write_figures(folder)
         progress.advance()
