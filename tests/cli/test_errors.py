@@ -40,7 +40,7 @@ def out(tmp_path):
         (["--set", "store.url=http://127.0.0.1:9"], ["http://127.0.0.1:9"]),
         (["--set", "store.url=ftp://store"], ["ftp://store", "http"]),
         (["--chain", "http://127.0.0.1:9"], ["http://127.0.0.1:9"]),
-        (["--chain", "not an address"], ["not an address", "http"]),
+        (["--chain", "not an address"], ["an address without a host", "http"]),
         (["--seed", "-1"], ["--seed"]),
         (["--no-such-option"], ["--no-such-option"]),
     ],

@@ -15,6 +15,7 @@ from skyrelay.cli import (
     audit,
     baseline,
     chain_devnet,
+    chain_doctor,
     chain_gas,
     chain_serve,
     evaluate,
@@ -63,6 +64,7 @@ chain = typer.Typer(
     help="The contract's chain: a consortium on this machine, and what calls cost.", no_args_is_help=True
 )
 chain.command("devnet")(chain_devnet.command)
+chain.command("doctor")(chain_doctor.command)
 chain.command("serve")(chain_serve.command)
 chain.command("gas")(chain_gas.command)
 app.add_typer(chain, name="chain")
