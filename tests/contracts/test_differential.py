@@ -6,15 +6,17 @@ The reference below keeps lists and dictionaries where the contract keeps packed
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
+from skyrelay.chain.accounts import Keyring
 from skyrelay.chain.client import IovClient, ProposalStatus, Role, Settings, UavRecord, VehicleRecord
 from skyrelay.chain.embedded.chain import EmbeddedChain
+from skyrelay.chain.typed_data import Proposal, sign_proposal
 from skyrelay.selection.fixed_point import (
     FixedParameters,
     allocate_fixed,
@@ -191,7 +193,8 @@ class SideBySide(RuleBasedStateMachine):
         account = self.chain.account
         self.admin = account("admin")
         self.uav_names = [account(f"uav {i}") for i in range(UAVS)]
-        self.vehicle_names = [account(f"vehicle {i}") for i in range(VEHICLES)]
+        self.keyring = Keyring(b"differential".ljust(32, b"."))
+        self.vehicle_names = [self.keyring.account(f"vehicle {i}") for i in range(VEHICLES)]
         self.client = IovClient.deploy(self.chain, Settings(qov_weights=WEIGHTS), self.admin)
         self.reference = Reference()
         grants = [self.client.grant_role(self.admin, role, self.admin) for role in Role if role is not Role.ADMIN]
@@ -230,6 +233,58 @@ class SideBySide(RuleBasedStateMachine):
         round_ = self.reference.rounds.get(self.reference.uavs[u].zone, 1) + late
         call = self.client.submit_veh_selection(self.vehicle_names[v], self.uav_names[u], demand, round_)
         self._agree(call, self.reference.submit(v, u, demand, round_))
+
+    @rule(
+        data=st.data(),
+        u=uav_numbers,
+        place=st.tuples(coordinates, coordinates),
+        payment=st.sampled_from([0, 350, 700, 701]),
+        demand=demands,
+        late=st.sampled_from([0, 0, 0, 1]),
+        stale=st.sampled_from([0, 0, 0, 1]),
+    )
+    def submit_signed(
+        self,
+        data: st.DataObject,
+        u: int,
+        place: tuple[int, int],
+        payment: int,
+        demand: int,
+        late: int,
+        stale: int,
+    ) -> None:
+        """Several sign with where they are now, somebody hands it in: each as if it had moved and then proposed."""
+        uav = self.reference.uavs[u]
+        signers = data.draw(st.lists(vehicle_numbers, min_size=1, max_size=4))
+        told = self.client.vehicle_infos([self.vehicle_names[v] for v in signers])
+        round_ = self.reference.rounds.get(uav.zone, 1) + late
+        signed = [
+            sign_proposal(
+                self.keyring,
+                self.vehicle_names[v],
+                Proposal(self.uav_names[u], uav.zone, round_, *place, payment, demand, info.timestamp - stale),
+                self.client.address,
+                self.chain.chain_id,
+            )
+            for v, info in zip(signers, told, strict=True)
+        ]
+        receipts = self.client.execute([self.client.submit_signed(self.admin, signed)])
+        taken = [event.args["vehicle"] for event in self.client.events_of(receipts)]
+        expected = []
+        for v in dict.fromkeys(signers):  # who signs the same twice is taken once
+            if stale or payment > PARAMETERS.max_payment:
+                continue
+            vehicle = self.reference.vehicles[v]
+            before = replace(vehicle)
+            rejected = vehicle.proposal is not None and vehicle.proposal[1].status is ProposalStatus.REJECTED
+            if rejected and vehicle.zone != uav.zone:
+                vehicle.proposal = None  # judged as it stands, in the zone that it comes from (decision 0053)
+            vehicle.x, vehicle.y, vehicle.payment, vehicle.zone = *place, payment, uav.zone
+            if self.reference.submit(v, u, demand, round_) is None:
+                expected.append(self.vehicle_names[v])
+            else:
+                self.reference.vehicles[v] = before
+        assert taken == expected
 
     @rule(
         zone=zones,

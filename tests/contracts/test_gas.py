@@ -34,6 +34,17 @@ def test_pieces_of_an_allocation_are_bounded(report):
         assert point.pieces / point.calls < 800_000
 
 
+def test_a_signed_period_costs_less_than_half_of_one_by_transactions(report):
+    rows = {(row.function, row.case): row.gas for row in report.rows}
+    alone = (
+        rows["updateVehicleInfo", "after a period with a proposal"]
+        + rows["submitVehSelection", "from the third period on"]
+    )
+    (batch,) = [point for point in report.batches if point.vehicles == 200]
+    (curve,) = [point for point in report.curve if point.proposals == 200]
+    assert 2 * (batch.signed + batch.allocated) < alone + curve.spread // 200
+
+
 def test_the_page_of_the_contract_shows_the_snapshot():
     page = (Path(__file__).parents[2] / "docs" / "reference" / "contract.md").read_text()
     for row in json.loads(SNAPSHOT.read_text())["rows"]:

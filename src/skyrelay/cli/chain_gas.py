@@ -55,3 +55,9 @@ def command(as_json: Json = False) -> None:
             f"{point.calls:,}",
         )
     console.print(table)
+    table = Table(title="A vehicle's share where proposals are signed (submitSigned), positions included")
+    for heading in ("vehicles", "handed in, each", "allocated, each"):
+        table.add_column(heading, justify="right")
+    for batch in report.batches:
+        table.add_row(f"{batch.vehicles:,}", f"{batch.signed:,}", f"{batch.allocated:,}")
+    console.print(table)

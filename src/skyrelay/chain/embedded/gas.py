@@ -10,9 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from skyrelay.chain.abi import contract
+from skyrelay.chain.accounts import Keyring
 from skyrelay.chain.chain import Call, Receipt
 from skyrelay.chain.client import IovClient, ModelCard, Role, Settings, UavRecord, VehicleRecord
 from skyrelay.chain.embedded.chain import EmbeddedChain
+from skyrelay.chain.typed_data import Proposal, sign_proposal
 from skyrelay.core.errors import ChainError
 
 PAPER_GAS = {
@@ -29,6 +31,9 @@ PAPER_GAS = {
 
 CURVE = (1, 10, 50, 100, 200, 500, 1000)
 """Proposals in a zone, for the curves of allocateZone."""
+
+BATCHES = (20, 200)
+"""Vehicles that sign in one period."""
 
 _TIME = 1_700_000_000
 _ZONE_UAVS = 20
@@ -76,11 +81,27 @@ class CurvePoint:
 
 
 @dataclass(frozen=True)
+class BatchPoint:
+    """A period of a zone whose vehicles sign and whose UAVs have served before.
+
+    Attributes:
+        vehicles: in one batch, spread over 20 UAVs.
+        signed: gas a vehicle for handing their proposals in, positions included.
+        allocated: gas a vehicle for allocating the zone.
+    """
+
+    vehicles: int
+    signed: int
+    allocated: int
+
+
+@dataclass(frozen=True)
 class GasReport:
     """Rows with a figure of the paper first, in its order."""
 
     rows: tuple[GasRow, ...]
     curve: tuple[CurvePoint, ...]
+    batches: tuple[BatchPoint, ...]
 
     def as_json(self) -> dict[str, object]:
         """What ``skyrelay chain gas --json`` prints and ``contracts/gas-snapshot.json`` holds."""
@@ -105,13 +126,17 @@ class GasReport:
                 }
                 for point in self.curve
             ],
+            "signed": [
+                {"vehicles": point.vehicles, "signed_each": point.signed, "allocated_each": point.allocated}
+                for point in self.batches
+            ],
         }
 
 
 def differences(found: dict[str, object], expected: dict[str, object]) -> list[str]:
     """What two reports (`GasReport.as_json`) do not have in common, a line each."""
     lines: list[str] = []
-    for part, names in (("rows", ("function", "case")), ("allocate_zone", ("proposals",))):
+    for part, names in (("rows", ("function", "case")), ("allocate_zone", ("proposals",)), ("signed", ("vehicles",))):
         old, new = (
             {tuple(entry[name] for name in names): entry for entry in report[part]}  # type: ignore[attr-defined]
             for report in (expected, found)
@@ -137,7 +162,8 @@ def measure(curve: Sequence[int] = CURVE) -> GasReport:
         session = _Session(chain)
         session.paper_functions()
         session.other_functions()
-        return GasReport(tuple(session.rows), tuple(session.curve(curve)))
+        points = tuple(session.curve(curve))
+        return GasReport(tuple(session.rows), points, tuple(session.batches(BATCHES)))
 
 
 class _Session:
@@ -251,6 +277,36 @@ class _Session:
             pieces = self._allocation(zone, vehicles[: count if points else _ZONE_UAVS], uavs, 60)
             single = self._allocation(zone, vehicles[:count], uavs[:1], 10**6)
             points.append(CurvePoint(count, sum(spread), sum(single), sum(pieces), len(pieces)))
+        return points[2:]
+
+    def batches(self, numbers: Sequence[int]) -> list[BatchPoint]:
+        """What a vehicle and period cost where proposals are signed, from the third period on."""
+        zone, keyring = 11, Keyring(b"gas of signed proposals".ljust(32, b"."))
+        uavs = [self.chain.account(f"batch uav {i}") for i in range(_ZONE_UAVS)]
+        for i in range(_ZONE_UAVS):
+            self._uav(f"batch uav {i}", zone)
+        vehicles = [keyring.account(f"vehicle {i}") for i in range(max(numbers))]
+        self._run([self.client.register_vehicle(v, VehicleRecord(1400.0, 90.5, 1, 0)) for v in vehicles])
+        points = []
+        for count in (max(numbers), max(numbers), *numbers):
+            proposals = [
+                sign_proposal(
+                    keyring,
+                    vehicle,
+                    Proposal(
+                        uavs[i % _ZONE_UAVS], zone, self._round(zone), 14_000 + i, 905, 350, 2_500, told.timestamp
+                    ),
+                    self.client.address,
+                    self.chain.chain_id,
+                )
+                for i, (vehicle, told) in enumerate(
+                    zip(vehicles[:count], self.client.vehicle_infos(vehicles[:count]), strict=True)
+                )
+            ]
+            signed = self._run([self.client.submit_signed(self.admin, proposals)])[0]
+            allocated = self._run([self.client.allocate_zone(self.admin, zone, 10**6)])[0]
+            self._run([self.client.reset_lists_for_zone(self.admin, zone)])
+            points.append(BatchPoint(count, signed.gas_used // count, allocated.gas_used // count))
         return points[2:]
 
     def _allocation(self, zone: int, vehicles: Sequence[str], uavs: Sequence[str], piece: int) -> list[int]:
