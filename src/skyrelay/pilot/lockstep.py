@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import math
 import queue
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from types import MappingProxyType
 
 from skyrelay.chain.abi import Event
 from skyrelay.chain.accounts import Keyring
 from skyrelay.chain.client import IovClient
 from skyrelay.core.errors import BusError
 from skyrelay.pilot.bus import Asked, Bus, uav_key, vehicle_key
-from skyrelay.pilot.wire import ChoiceMessage, Reply, TickMessage, decode, topic
+from skyrelay.pilot.flown import FlownUav
+from skyrelay.pilot.wire import ChoiceMessage, FixMessage, Reply, TickMessage, decode, topic
 from skyrelay.protocol.beacon import BeaconGate, Session
 from skyrelay.protocol.host import Host
 from skyrelay.protocol.messages import Beacon, Fix, Phase, Tick
+from skyrelay.protocol.sequence import UavState
+from skyrelay.protocol.uav import UavAgent
 from skyrelay.protocol.vehicle import Choice
 from skyrelay.protocol.zone_view import ZoneView, read_zone
 from skyrelay.store.cid import Cid
@@ -41,6 +46,7 @@ class RemoteHosts:
         heard: is called with every event of the contract.
         notice: is called with a line when a host goes or comes.
         wait: how long the world stands still for a host that does not answer, before it goes on without it [s].
+        speed: seconds of the world's clock to one of the wall's, at most; None as fast as the hosts can.
     """
 
     def __init__(
@@ -52,7 +58,9 @@ class RemoteHosts:
         heard: Callable[[Event], None],
         notice: Callable[[str], None],
         wait: float = 30.0,
+        speed: float | None = None,
     ) -> None:
+        self._speed, self._began = speed, math.nan
         self._bus, self._contract, self._client = bus, contract, client
         self._heard, self._notice, self._wait = heard, notice, wait
         self._members = {name: list(addresses) for name, addresses in members.items()}
@@ -62,6 +70,7 @@ class RemoteHosts:
         self._gone: set[str] = set()
         self._sent: dict[str, Mapping[str, int]] = {}
         self._moves: dict[str, int] = {}
+        self._flown: dict[str, Fix] = {}
         self._choices: dict[str, Choice] = {}
         self._next_block = 0
 
@@ -107,6 +116,7 @@ class RemoteHosts:
         """The clock, to all hosts; returns when all have answered, or are given up."""
         if tick.phase is Phase.BEACON:
             self._sent.clear()
+            self._pace(tick.time)
         if tick.phase is Phase.CLOSE:
             self._choices.clear()
         if tick.phase in TOGETHER:
@@ -125,6 +135,11 @@ class RemoteHosts:
         """The actions of the UAVs that have decided since this was last called, by address."""
         moves, self._moves = self._moves, {}
         return moves
+
+    def take_fixes(self) -> dict[str, Fix]:
+        """Where UAVs with an airframe of their own say that they are, since this was last called, by address."""
+        fixes, self._flown = self._flown, {}
+        return fixes
 
     def choices(self) -> dict[str, Choice]:
         """What Algorithm 1 gave the vehicles in this period, by address."""
@@ -171,6 +186,7 @@ class RemoteHosts:
         self._untold[name] = set()
         self._replies[name] = reply
         self._moves |= reply.moves
+        self._flown |= reply.read_fixes()
         self._choices |= reply.read_choices()
         if tick.phase is Phase.BEACON:
             self._sent[name] = reply.sent
@@ -183,6 +199,13 @@ class RemoteHosts:
         except BusError as error:
             self._notice(f"{name}: {error}")
             return None
+
+    def _pace(self, now: float) -> None:
+        """Wait until the wall's clock is as far; the first step that is asked for is on time."""
+        if self._speed is not None:
+            if math.isnan(self._began):
+                self._began = time.monotonic() - now / self._speed
+            time.sleep(max(0.0, self._began + now / self._speed - time.monotonic()))
 
     def _read(self) -> None:
         last = self._client.chain.block_number
@@ -268,10 +291,19 @@ class Radio:
         return own + [beacon for content in raw if (beacon := self.gate.admit(content, now)) is not None]
 
 
-def serve(host: Host, bus: Bus, contract: str, name: str, radio: Radio, patience: float) -> None:
+def serve(
+    host: Host,
+    bus: Bus,
+    contract: str,
+    name: str,
+    radio: Radio,
+    patience: float,
+    flown: Mapping[str, FlownUav] = MappingProxyType({}),
+) -> None:
     """Answer the world's ticks until it stops asking.
 
     Args:
+        flown: UAVs of this host with an airframe of their own, by address.
         patience: without a tick for so long the world is taken to have stopped [s].
     Raises:
         BusError: the world has stopped.
@@ -282,6 +314,8 @@ def serve(host: Host, bus: Bus, contract: str, name: str, radio: Radio, patience
             question = questions.get(timeout=patience)
         except queue.Empty:
             raise BusError("world", f"silent for {patience:g} s", "a world that goes on") from None
+        for uav in flown.values():
+            uav.beat("bus")
         if not question.content:  # whether we are here
             question.answer(b"")
             continue
@@ -292,23 +326,26 @@ def serve(host: Host, bus: Bus, contract: str, name: str, radio: Radio, patience
             question.refuse(str(error))
             continue
         try:
-            reply = _work(host, radio, message, tick)
+            reply = _work(host, radio, message, tick, flown)
         except Exception as error:
             question.refuse(str(error))
             raise
         question.answer(reply.encode())
 
 
-def _work(host: Host, radio: Radio, message: TickMessage, tick: Tick) -> Reply:
+def _work(host: Host, radio: Radio, message: TickMessage, tick: Tick, flown: Mapping[str, FlownUav]) -> Reply:
     """What the agents here do at a tick."""
-    host.tell(message.read_fixes())
+    host.tell(message.read_fixes() | {address: uav.fix() for address, uav in flown.items()})
     if tick.phase is Phase.DECIDE:
         host.hear(radio.take(tick.time, message.sent))
     host.tick(tick)
     sent = radio.send(host.take_beacons())
     choices = host.choices() if tick.phase is Phase.PROPOSE else {}
+    moves = host.take_moves()
+    _fly(host, tick, moves, flown)
     return Reply(
-        moves=host.take_moves(),
+        moves=moves,
+        fixes={address: FixMessage.of(fix) for address, uav in flown.items() if (fix := uav.fix()).position},
         choices={
             address: ChoiceMessage(uav=choice.uav, qou=choice.qou, weighed=choice.weighed)
             for address, choice in choices.items()
@@ -318,3 +355,14 @@ def _work(host: Host, radio: Radio, message: TickMessage, tick: Tick) -> Reply:
         gas_used=host.gas_used,
         chain_seconds=host.chain_seconds,
     )
+
+
+def _fly(host: Host, tick: Tick, moves: Mapping[str, int], flown: Mapping[str, FlownUav]) -> None:
+    """Have airframes do what their agents decided; an agent that has nothing to decide misses no policy."""
+    deciding = {a.address for a in host.agents if isinstance(a, UavAgent) and a.state is UavState.FLYING}
+    for address, uav in flown.items():
+        uav.beat("chain")  # or the tick would not be done
+        if address in moves:
+            uav.fly(moves[address])
+        elif address not in deciding or tick.phase is not Phase.DECIDE:
+            uav.beat("policy")
