@@ -2,12 +2,14 @@
 
 import json
 import math
+import threading
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import requests
 from autopilot_end import HOLD, LAND, OFFBOARD, RETURN, TAKEOFF, AutopilotEnd
+from gpsd_server import GpsdServer
 from processes import free_port, until
 
 from skyrelay.core.scenario import load_scenario
@@ -56,10 +58,44 @@ def test_an_agent_flies_a_real_airframe_and_brings_it_home(start, tmp_path):
     assert "only for this test" not in said
 
 
+def test_a_vehicle_is_where_its_own_receiver_says(start, tmp_path):
+    sets = ["mobility.source=random-waypoint", "mobility.vehicles=1", "mobility.area=2000", *SETS[1:]]
+    hosts, options = tmp_path / "hosts", [part for item in sets for part in ("--set", item)]
+    password = {"SKYRELAY_KEYSTORE_PASSWORD": "only for this test"}
+    world_process = start(
+        *SKYRELAY, "up", "--out", tmp_path / "run", "--hosts", hosts, "--elsewhere", "vehicle", *options, env=password
+    )
+    until(lambda: (hosts / "vehicles.toml").exists() or world_process.poll() is not None, limit=120.0)
+    server = GpsdServer()
+    latitude, longitude = FRAME.to_globe(1234.0, 567.0)
+    vehicle = start(
+        *SKYRELAY, "agent", "vehicle", "--config", hosts / "vehicles.toml",
+        "--gpsd", server.address, "--origin", "44.4949,11.3426", env=password,
+    )  # fmt: skip
+    done = threading.Event()
+
+    def report():
+        while not done.wait(0.2):
+            server.report(lat=latitude, lon=longitude, speed=8.0)
+
+    reporting = threading.Thread(target=report)
+    reporting.start()
+    try:
+        assert world_process.wait(240) == 0
+    finally:
+        done.set()
+        reporting.join()
+        vehicle.terminate()
+        server.stop()
+    events = pq.read_table(tmp_path / "run" / "events.parquet", columns=["name", "args"]).to_pylist()
+    (record,) = [json.loads(event["args"]) for event in events if event["name"] == "VehicleRegistered"]
+    assert (record["x"] / 10, record["y"] / 10) == pytest.approx((1234.0, 567.0), abs=1.0)
+
+
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
-        (["--autopilot", "udp://127.0.0.1:14540"], "--autopilot and --origin"),
+        (["--autopilot", "udp://127.0.0.1:14540"], "--origin: expected with --autopilot or --gpsd"),
         (["--autopilot", "udp://127.0.0.1:14540", "--origin", "north"], "LATITUDE,LONGITUDE"),
         (["--autopilot", "udp://127.0.0.1:14540", "--origin", "91,0"], "a latitude of -85 to 85"),
     ],

@@ -30,6 +30,9 @@ def command(
         str | None,
         typer.Option("--autopilot", metavar="URL", help="What flies the one UAV by MAVLink; docs/how-to/autopilot.md."),
     ] = None,
+    gpsd: Annotated[
+        str | None, typer.Option("--gpsd", metavar="HOST:PORT", help="Where the one vehicle's receiver is asked.")
+    ] = None,
     origin: Annotated[
         str | None,
         typer.Option(
@@ -55,11 +58,12 @@ def command(
     from skyrelay.pilot.logs import configure
 
     wanted = [name.strip() for name in members.split(",") if name.strip()]
-    if (autopilot is None) != (origin is None):
-        raise UsageError("--autopilot and --origin", autopilot or origin, "both or neither")
+    if (autopilot is None and gpsd is None) != (origin is None):
+        raise UsageError("--origin", origin, "with --autopilot or --gpsd, and only with them")
     frame = None if origin is None else Frame.parse(origin, "--origin")
     host = load_config(config, wanted)
     logger = configure(host.name, log_json)
     with until_terminated():
         airframe = None if autopilot is None or frame is None else (autopilot, frame)
-        run_agents(kind.value, host, logger.info, airframe=airframe, metrics=metrics)
+        receiver = None if gpsd is None or frame is None else (gpsd, frame)
+        run_agents(kind.value, host, logger.info, airframe=airframe, receiver=receiver, metrics=metrics)

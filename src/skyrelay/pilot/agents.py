@@ -19,6 +19,7 @@ from skyrelay.pilot.flown import FlownUav
 from skyrelay.pilot.geodesy import Frame
 from skyrelay.pilot.lockstep import Radio, serve
 from skyrelay.pilot.metrics import Metrics
+from skyrelay.pilot.position import Gpsd, PositionSource
 from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.authority import ReputationAuthority
 from skyrelay.protocol.coordinator import ZoneCoordinator
@@ -40,6 +41,7 @@ def run_agents(
     say: Callable[[str], None],
     *,
     airframe: tuple[str, Frame] | None = None,
+    receiver: tuple[str, Frame] | None = None,
     metrics: str | None = None,
 ) -> None:
     """Host the members of one kind, until the world stops.
@@ -47,9 +49,11 @@ def run_agents(
     Args:
         say: is called with every line that a person should read.
         airframe: where the autopilot of the one UAV is reached, and where the scenario's plane is.
+        receiver: where gpsd of the one vehicle is reached, and where the scenario's plane is.
         metrics: ``HOST:PORT`` at which Prometheus is answered.
     Raises:
-        UsageError: the file has no member of this kind, or not one UAV for the airframe.
+        UsageError: the file has no member of this kind, or not one UAV for the airframe, one vehicle for the receiver.
+        PositionError: gpsd is not there.
         AutopilotError: it is not there, or does not take off.
         ChainError: keystore, endpoint, chain or contract are not what the file says.
         BusError: the bus is not there, or the world has stopped.
@@ -61,6 +65,8 @@ def run_agents(
         raise UsageError(config.name, None, f"at least one {kind} to host in its file")
     if airframe is not None and (kind != "uav" or len(agents) != 1):
         raise UsageError("--autopilot", f"{len(agents)} of kind {kind}", "one UAV: name it by --members")
+    if receiver is not None and (kind != "vehicle" or len(agents) != 1):
+        raise UsageError("--gpsd", f"{len(agents)} of kind {kind}", "one vehicle: name it by --members")
     chain = NodeChain(access.urls, keyring, chain_id=access.chain_id, confirmations=access.confirmations)
     client = IovClient.connect(chain, access.contract, access.chain_id)
     at = config.bus
@@ -87,8 +93,11 @@ def run_agents(
             law, altitude = config.law(), config.resolved().fleet.altitude
             body = stack.enter_context(FlownUav(autopilot, law, uav.zone, altitude, say))
             flown[keyring.account(uav.name)] = body
+        receivers: dict[str, PositionSource] = {}
+        if receiver is not None:
+            receivers[agents[0].address] = stack.enter_context(Gpsd(*receiver))
         say(f"ready: {len(agents)} of kind {kind}, at block {chain.block_number}")
-        serve(host, bus, access.contract, config.name, radio, config.patience, flown)
+        serve(host, bus, access.contract, config.name, radio, config.patience, flown, receivers)
 
 
 def _metrics(name: str, host: Host, radio: Radio) -> Metrics:

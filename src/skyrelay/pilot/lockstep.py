@@ -16,6 +16,7 @@ from skyrelay.chain.client import IovClient
 from skyrelay.core.errors import BusError
 from skyrelay.pilot.bus import Asked, Bus, uav_key, vehicle_key
 from skyrelay.pilot.flown import FlownUav
+from skyrelay.pilot.position import PositionSource
 from skyrelay.pilot.wire import ChoiceMessage, FixMessage, Reply, TickMessage, decode, topic
 from skyrelay.protocol.beacon import BeaconGate, Session
 from skyrelay.protocol.host import Host
@@ -299,11 +300,13 @@ def serve(
     radio: Radio,
     patience: float,
     flown: Mapping[str, FlownUav] = MappingProxyType({}),
+    receivers: Mapping[str, PositionSource] = MappingProxyType({}),
 ) -> None:
     """Answer the world's ticks until it stops asking.
 
     Args:
         flown: UAVs of this host with an airframe of their own, by address.
+        receivers: of members that know where they are by one, and not from the world.
         patience: without a tick for so long the world is taken to have stopped [s].
     Raises:
         BusError: the world has stopped.
@@ -326,16 +329,24 @@ def serve(
             question.refuse(str(error))
             continue
         try:
-            reply = _work(host, radio, message, tick, flown)
+            reply = _work(host, radio, message, tick, flown, receivers)
         except Exception as error:
             question.refuse(str(error))
             raise
         question.answer(reply.encode())
 
 
-def _work(host: Host, radio: Radio, message: TickMessage, tick: Tick, flown: Mapping[str, FlownUav]) -> Reply:
+def _work(
+    host: Host,
+    radio: Radio,
+    message: TickMessage,
+    tick: Tick,
+    flown: Mapping[str, FlownUav],
+    receivers: Mapping[str, PositionSource],
+) -> Reply:
     """What the agents here do at a tick."""
-    host.tell(message.read_fixes() | {address: uav.fix() for address, uav in flown.items()})
+    sources: Mapping[str, PositionSource] = {**receivers, **flown}
+    host.tell(message.read_fixes() | {address: source.fix() for address, source in sources.items()})
     if tick.phase is Phase.DECIDE:
         host.hear(radio.take(tick.time, message.sent))
     host.tick(tick)
