@@ -13,6 +13,7 @@ from types import MappingProxyType
 from skyrelay.chain.abi import Event
 from skyrelay.chain.accounts import Keyring
 from skyrelay.chain.client import IovClient
+from skyrelay.chain.node.chain import NodeChain
 from skyrelay.core.errors import BusError
 from skyrelay.pilot.bus import Asked, Bus, uav_key, vehicle_key
 from skyrelay.pilot.flown import FlownUav
@@ -43,7 +44,7 @@ class RemoteHosts:
     Args:
         contract: its address, which names the run on the bus.
         members: addresses of each host's members, by the host's name, in the order in which hosts are asked.
-        client: to read the contract with.
+        client, chain: to read the contract with, as it is founded.
         heard: is called with every event of the contract.
         notice: is called with a line when a host goes or comes.
         wait: how long the world stands still for a host that does not answer, before it goes on without it [s].
@@ -56,6 +57,7 @@ class RemoteHosts:
         contract: str,
         members: Mapping[str, Sequence[str]],
         client: IovClient,
+        chain: NodeChain,
         heard: Callable[[Event], None],
         notice: Callable[[str], None],
         wait: float = 30.0,
@@ -74,16 +76,9 @@ class RemoteHosts:
         self._flown: dict[str, Fix] = {}
         self._choices: dict[str, Choice] = {}
         self._next_block = 0
-
-    @property
-    def transactions(self) -> int:
-        """Mined for the agents that live now."""
-        return sum(reply.transactions for reply in self._replies.values())
-
-    @property
-    def gas_used(self) -> int:
-        """By these transactions."""
-        return sum(reply.gas_used for reply in self._replies.values())
+        self._chain = chain
+        self._founded = chain.block_number
+        self.transactions = self.gas_used = 0  # by the blocks since then, whatever became of who sent them
 
     @property
     def chain_seconds(self) -> float:
@@ -213,6 +208,9 @@ class RemoteHosts:
         if last >= self._next_block:
             for event in self._client.events(self._next_block, last):
                 self._heard(event)
+            for block in self._chain.blocks(range(max(self._next_block, self._founded + 1), last + 1)):
+                self.transactions += len(block["transactions"])
+                self.gas_used += int(block["gasUsed"], 16)
             self._next_block = last + 1
 
 
@@ -362,8 +360,6 @@ def _work(
             for address, choice in choices.items()
         },
         sent=dict(sent),
-        transactions=host.transactions,
-        gas_used=host.gas_used,
         chain_seconds=host.chain_seconds,
     )
 

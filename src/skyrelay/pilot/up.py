@@ -102,6 +102,9 @@ def up(
         write_text(folder / SCENARIO, to_toml(world.scenario))
         consortium = stack.enter_context(Consortium(founded, folder, elsewhere=accounts))
         consortium.found()
+        chain = consortium.chain
+        if not isinstance(chain, NodeChain):
+            raise TypeError("a chain that has an address is a node's")
         for place in places:
             path = _write_config(place, world, consortium, hosts, url, endpoint, place.kind in elsewhere)
             command = ["agent", place.kind, "--config", str(path)]
@@ -112,7 +115,7 @@ def up(
         run = Run(world, consortium.account)
         members = {place.name: _addresses(place) for place in places}
         run.hosts = remote = RemoteHosts(
-            bus, consortium.client.address, members, consortium.client, run.hear, say, wait, speed
+            bus, consortium.client.address, members, consortium.client, chain, run.hear, say, wait, speed
         )
         remote.gather(LATEST if elsewhere else START, children.check)
         run.play(progress)

@@ -124,15 +124,13 @@ class Reply(_Message):
         choices: what Algorithm 1 gave its vehicles, by address.
         fixes: of its UAVs with an airframe of their own, by address.
         sent: how many beacons it sent on each topic.
-        transactions, gas_used, chain_seconds: since it began.
+        chain_seconds: that it has waited for the chain since it began [s].
     """
 
     moves: dict[Address, Annotated[int, Field(ge=0, le=8)]] = {}
     choices: dict[Address, ChoiceMessage] = {}
     fixes: dict[Address, FixMessage] = {}
     sent: dict[str, Count] = {}
-    transactions: Count = 0
-    gas_used: Count = 0
     chain_seconds: Number = 0.0
 
     def read_choices(self) -> dict[str, Choice]:
