@@ -1,3 +1,4 @@
+import json
 import tomllib
 
 import pytest
@@ -18,7 +19,7 @@ def test_toml_round_trip_keeps_every_value():
     assert validate(tomllib.loads(to_toml(scenario))) == scenario
 
 
-@given(seed=st.integers(0, 2**32 - 1), uavs=st.integers(1, 10**6), share=st.floats(0.001, 1))
+@given(seed=st.integers(0, 2**32 - 1), uavs=st.integers(1, 2**16 - 1), share=st.floats(0.001, 1))
 def test_any_valid_override_arrives(seed, uavs, share):
     scenario = load_scenario("bologna", [f"fleet.uavs={uavs}", f"mobility.penetration={share!r}"], seed=seed)
     assert (scenario.seed, scenario.fleet.uavs, scenario.mobility.penetration) == (seed, uavs, share)
@@ -70,3 +71,46 @@ def test_scenarios_are_frozen():
 def test_a_name_that_leaves_its_folder_is_refused(name):
     with pytest.raises(ScenarioError, match="name"):
         validate(load_scenario().model_dump(mode="json") | {"name": name}, "scenario.toml")
+
+
+def test_a_byte_order_mark_is_no_key(tmp_path):
+    (tmp_path / "city.toml").write_bytes(b"\xef\xbb\xbfseed = 3\r\n[fleet]\r\nuavs = 7\r\n")
+    scenario = load_scenario(tmp_path / "city.toml")
+    assert (scenario.seed, scenario.fleet.uavs) == (3, 7)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "name"),
+    [
+        ([], "bologna"),
+        (["fleet.uavs=7"], "bologna"),
+        (["mobility.source=manhattan"], "manhattan"),
+        (["mobility.trace=traces/city.csv"], "city"),
+        (["mobility.source=manhattan", "name=mine"], "mine"),
+    ],
+)
+def test_a_built_in_scenario_on_other_streets_is_named_after_them(overrides, name):
+    assert load_scenario("bologna", overrides).name == name
+
+
+def test_a_scenario_without_a_name_has_its_files_or_its_streets(tmp_path):
+    (tmp_path / "town.toml").write_text("seed = 1")
+    assert load_scenario(tmp_path / "town.toml").name == "town"
+    assert validate({"mobility": {"source": "random-waypoint"}}).name == "random-waypoint"
+    assert validate({"mobility": {"trace": "x" * 100}}).name == "bologna"  # no name of a folder
+
+
+def geojson(path, *rings):
+    features = [
+        {"type": "Feature", "properties": {"height": 20}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+        for ring in rings
+    ]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    return load_scenario("bologna", [f"obstacles.buildings={path}"])
+
+
+def test_a_height_of_the_ground_is_passed_over(tmp_path):
+    ring = [[0, 0, 5], [90, 0, 5], [90, 60, 5], [0, 0, 5]]
+    assert geojson(tmp_path / "a.geojson", ring).obstacles.buildings[0].polygon == ((0, 0), (90, 0), (90, 60))
+    with pytest.raises(ScenarioError, match="buildings"):
+        geojson(tmp_path / "b.geojson", [[0], [90, 0], [90, 60]])

@@ -6,11 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyrelay.airspace.law import Law
+from skyrelay.core.errors import ScenarioError
 from skyrelay.core.resolved import resolve
 from skyrelay.core.scenario import Demand, load_scenario
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.mobility import Tracks, load_tracks
-from skyrelay.simulation.world import _apportion, deploy_fleet, draw_members
+from skyrelay.simulation.world import World, _apportion, deploy_fleet, draw_members
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +68,8 @@ def test_an_area_without_traffic_still_gets_its_fleet():
 
 
 def test_members_are_whole_numbers_in_the_contract_s_units():
-    members = draw_members(Demand(bandwidth=(0.0, 0.001)), 1, 1000)
-    assert members.demand.min() == 1  # a demand of nothing is no demand
+    members = draw_members(Demand(bandwidth=(0.002, 0.003)), 1, 1000)
+    assert set(members.demand) == {2, 3}
     assert np.issubdtype(members.payment.dtype, np.integer)
     assert members.payment.max() <= 700
 
@@ -96,3 +97,23 @@ def _grid(tracks):
 
 def _fleet(scenario, tracks):
     return deploy_fleet(scenario.fleet, scenario.seed, tracks, _grid(tracks))
+
+
+HOUSE = "{polygon = [[%g, %g], [%g, %g], [%g, %g]], height = 20}"
+
+
+def with_houses(*houses):
+    listed = ", ".join(HOUSE % house for house in houses)
+    return load_scenario("bologna", ["mobility.source=manhattan", f"obstacles.buildings=[{listed}]"])
+
+
+@pytest.mark.parametrize("house", [(11.34, 44.49, 11.341, 44.49, 11.341, 44.491), (6010, 0, 6100, 0, 6100, 60)])
+def test_buildings_that_stand_nowhere_are_refused_with_the_area(house):
+    with pytest.raises(ScenarioError, match=r"obstacles\.buildings.*x 0 to 6000 m and y 0 to 6000 m") as fault:
+        World.of(with_houses(house))
+    assert len(str(fault.value).splitlines()) == 1
+
+
+def test_some_buildings_may_stand_beyond_the_area():
+    world = World.of(with_houses((10, 10, 90, 10, 90, 60), (9000, 0, 9090, 0, 9090, 60)))
+    assert len(world.scenario.obstacles.buildings) == 2

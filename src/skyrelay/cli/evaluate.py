@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -32,10 +31,9 @@ def command(
       skyrelay evaluate generalist --uavs 4 --trace bologna
       skyrelay evaluate generalist --uavs 3 --games varied --ratio 3 --json
     """
-    from skyrelay.policy import Policy, builtin_policies
+    from skyrelay.policy import Policy
 
-    named = model in builtin_policies() and not Path(model).exists()
-    policy = Policy.builtin(model) if named else Policy.load(Path(model))
+    policy = Policy.named(model)
 
     from skyrelay.learning.evaluation import evaluate_policy
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,19 +10,25 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from skyrelay.cli.options import Json, print_result
+from skyrelay.core.errors import UsageError
 
 if TYPE_CHECKING:
     from skyrelay.core.scenario import Selection as Settings
-    from skyrelay.selection.explain import Explanation
+    from skyrelay.selection.explain import Explanation, Rows
 
 
 def command(
     run_dir: Annotated[Path, typer.Argument(help="A folder that `skyrelay run` has left.", show_default=False)],
-    vehicle: Annotated[str, typer.Option("--vehicle", metavar="ID", help="Which vehicle asks.", show_default=False)],
+    vehicle: Annotated[
+        str | None, typer.Option("--vehicle", metavar="ID", help="Which vehicle asks.", show_default=False)
+    ] = None,
     period: Annotated[
         int | None,
         typer.Option("--period", min=0, help="Which selection; left out: its last unserved one.", show_default=False),
     ] = None,
+    listed: Annotated[
+        bool, typer.Option("--list", help="Print the ids to ask for, and in how many periods each was served.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Why was I not served? The QoU of each candidate, the UAV that was asked, and what took its bandwidth.
@@ -30,11 +37,17 @@ def command(
     Examples:
       skyrelay explain runs/bologna-1 --vehicle 1208
       skyrelay explain runs/bologna-1 --vehicle 1208 --period 0 --json
+      skyrelay explain runs/bologna-1 --list
     """
     from skyrelay.runfolder.reader import read_rows, read_scenario, require_folder
     from skyrelay.selection.explain import explain
 
     require_folder(run_dir)
+    if listed:
+        print_ids(read_rows(run_dir, "members"), read_rows(run_dir, "proposals"), period, as_json)
+        return
+    if vehicle is None:
+        raise UsageError("explain", None, "--vehicle ID, or --list for the ids of this run")
     settings = read_scenario(run_dir).selection
     tables = {name: read_rows(run_dir, name) for name in ("proposals", "candidates", "fleet", "members")}
     told = explain(**tables, vehicle=vehicle, period=period)
@@ -42,6 +55,24 @@ def command(
         print_result(asdict(told) | {"reason": reason(told, settings)}, as_json=True)
     else:
         typer.echo(to_text(told, settings))
+
+
+def print_ids(members: Rows, proposals: Rows, period: int | None, as_json: bool) -> None:
+    """The vehicles of a run (or of one of its selections): in how many periods each was there, and was served."""
+    there: Counter[str] = Counter()
+    served: Counter[str] = Counter()
+    for row in members:
+        if period is None or row["period"] == period:
+            there[row["vehicle"]] += 1
+    for row in proposals:
+        if row["accepted"] and (period is None or row["period"] == period):
+            served[row["vehicle"]] += 1
+    counts = {vehicle: {"periods": there[vehicle], "served": served[vehicle]} for vehicle in sorted(there)}
+    if as_json:
+        print_result(counts, as_json)
+        return
+    for vehicle, count in counts.items():
+        typer.echo(f"{vehicle}  served in {count['served']} of {_counted(count['periods'], 'period')}")
 
 
 def to_text(told: Explanation, settings: Settings) -> str:

@@ -32,14 +32,15 @@ from skyrelay.cli import (
     train,
     up,
 )
+from skyrelay.cli.options import help_alone
 from skyrelay.core.errors import SkyRelayError
 
 app = typer.Typer(
     name="skyrelay",
     help="UAV relays for connected vehicles: selection on a consortium chain, learned coordination, audit.",
     epilog="Start with: skyrelay run",
-    no_args_is_help=True,
-    add_completion=False,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -61,7 +62,9 @@ app.add_typer(models.app, name="models")
 app.add_typer(trace.app, name="trace")
 
 chain = typer.Typer(
-    help="The contract's chain: a consortium on this machine, and what calls cost.", no_args_is_help=True
+    help="The contract's chain: a consortium on this machine, and what calls cost.",
+    callback=help_alone,
+    invoke_without_command=True,
 )
 chain.command("devnet")(chain_devnet.command)
 chain.command("doctor")(chain_doctor.command)
@@ -78,21 +81,25 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _root(
-    version: Annotated[
+    context: typer.Context,
+    version: Annotated[  # noqa: ARG001 (its callback has ended the command)
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
     ] = False,
 ) -> None:
     """UAV relays for connected vehicles: selection on a consortium chain, learned coordination, audit."""
+    help_alone(context)
 
 
 def main() -> None:
     """Entry point: status 0 done, 1 a check found differences, 2 bad input, 130 interrupted."""
     try:
-        status = app(standalone_mode=False)
+        status = app(prog_name="skyrelay", standalone_mode=False)
     except TyperException as error:
         _stop(error.format_message(), 2)
     except SkyRelayError as error:
         _stop(str(error), error.exit_code)
+    except MemoryError:
+        _stop("this machine has not the memory for it: expected fewer vehicles, UAVs, steps or episodes", 2)
     except (KeyboardInterrupt, typer.Abort):
         _stop("interrupted", 130)
     except BrokenPipeError:

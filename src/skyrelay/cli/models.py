@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from skyrelay.cli.options import Json, print_result
+from skyrelay.cli.options import Json, help_alone, print_result
 from skyrelay.core.errors import SkyRelayError, UsageError
 from skyrelay.store.cid import Cid
 from skyrelay.store.fallback import FallbackStore, open_store
@@ -16,7 +16,8 @@ DEFAULT_STORE = "models"
 
 app = typer.Typer(
     help="Models by content address: a folder of blocks, or a Kubo node of the IPFS network.",
-    no_args_is_help=True,
+    callback=help_alone,
+    invoke_without_command=True,
     rich_markup_mode=None,
 )
 

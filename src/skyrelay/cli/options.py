@@ -18,6 +18,13 @@ Override = Annotated[
 ]
 
 
+def help_alone(context: typer.Context) -> None:
+    """A group of commands that is called without one prints its help."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+        raise typer.Exit
+
+
 def span(option: str, text: str, largest: int) -> tuple[int, int]:
     """Two numbers from ``"3"`` or ``"2-5"``.
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from skyrelay.cli.options import Json, Override, Seed, print_result
+
+if TYPE_CHECKING:
+    from skyrelay.core.scenario import Mobility
 
 
 def command(
@@ -69,13 +72,15 @@ def command(
     if as_json:
         print_result(summary, as_json)
     else:
-        for name, line in lines(summary, target):
+        for name, line in lines(summary, target, config.mobility):
             typer.echo(f"{name:<13} {line}")
 
 
-def lines(s: Mapping[str, Any], folder: Path) -> Iterator[tuple[str, str]]:
+def lines(s: Mapping[str, Any], folder: Path, mobility: Mobility) -> Iterator[tuple[str, str]]:
     """The summary for people."""
-    yield "Vehicles", f"{s['vehicles']:,} connected, {s['vehicles_per_period']:,.0f} at a time"
+    # Said, since a scenario that another trace is put into has a share that was meant for its own.
+    share = f" (mobility.penetration: {mobility.penetration:.3g} of the trace's)" if mobility.source == "trace" else ""
+    yield "Vehicles", f"{s['vehicles']:,} connected{share}, {s['vehicles_per_period']:,.0f} at a time"
     for note in s["trace_notes"]:
         yield "Trace", note
     yield "UAVs", f"{s['uavs']:,} over {s['zones']} zones; {s['uavs_retired']} left with an empty battery"

@@ -56,9 +56,17 @@ def command(
     """
     from skyrelay.cli.quiet import stdout_kept_clean
     from skyrelay.core.scenario import load_scenario
+    from skyrelay.mobility.tracks import require_trace
     from skyrelay.selection.instances import draw_instance
 
     chosen = load_scenario(scenario, overrides or [])
+    if chosen.mobility.source == "trace":
+        require_trace(chosen.mobility.trace)
+        typer.echo(
+            f"skyrelay: points are drawn uniformly over {chosen.mobility.area:g} x {chosen.mobility.area:g} m "
+            f"(mobility.area); of the trace {chosen.mobility.trace!r} no position is taken",
+            err=True,
+        )
     tables = draw_instance(vehicles, uavs, seed, chosen)
     with stdout_kept_clean():
         selection = select(

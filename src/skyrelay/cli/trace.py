@@ -7,9 +7,11 @@ from typing import Annotated, Any
 
 import typer
 
-from skyrelay.cli.options import Json, print_result
+from skyrelay.cli.options import Json, help_alone, print_result
 
-app = typer.Typer(help="Vehicle traces: look at a file, or bring it into Parquet.", no_args_is_help=True)
+app = typer.Typer(
+    help="Vehicle traces: look at a file, or bring it into Parquet.", callback=help_alone, invoke_without_command=True
+)
 
 File = Annotated[str, typer.Argument(metavar="FILE", help="A trace file, or a built-in trace's name.")]
 Units = Annotated[str, typer.Option("--units", help="Of positions: auto, m, km, ft or degrees.")]

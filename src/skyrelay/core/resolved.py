@@ -6,14 +6,14 @@ import math
 
 from pydantic import Field
 
-from skyrelay.core.scenario import Fleet, Positive, Scenario
+from skyrelay.core.scenario import Fleet, Length, Scenario
 from skyrelay.core.zones import ZoneGrid
 
 
 class ResolvedFleet(Fleet):
     """A fleet whose range is known."""
 
-    range: Positive = Field(description="of the UAV-vehicle and the UAV-UAV link [m]")
+    range: Length = Field(description="of the UAV-vehicle and the UAV-UAV link [m]")
 
 
 class ResolvedScenario(Scenario):

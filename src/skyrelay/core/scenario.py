@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
@@ -14,9 +15,34 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from skyrelay.core.errors import ScenarioError
 from skyrelay.core.untrusted import read_json
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
-Percent = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
+# Strict: `true` is no number, nor is "3"; a whole number is still taken where a fraction may stand.
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Whole = Annotated[int, Field(strict=True)]
+Share = Annotated[Real, Field(ge=0, le=1)]
+Percent = Annotated[Real, Field(ge=0, le=100)]
+Text = Annotated[str, Field(min_length=1, max_length=4096)]
+
+# The contract holds positions in an int32 of 0.1 m, payments in a uint32 of cents per Mbit/s, the altitude in a uint16
+# of metres, and no more UAVs in a zone than a uint16 counts; a run's tables hold bandwidths in an int32 of kbit/s.
+UINT16, UINT32 = 2**16 - 1, 2**32 - 1
+FARTHEST = 1_000_000.0
+"""Largest length on the ground [m]: up to there a run's tables (float32) hold the contract's 0.1 m."""
+MBPS = (2**31 - 1) / 1000
+LEAST_DEMAND = 0.002
+"""Asked for [Mbit/s]: the score of 1 kbit/s at the highest QoV is above the tables' int64."""
+MAX_ZONES = 10_000
+MAX_POSITIONS = 200_000_000
+"""Vehicles and UAVs times steps: more than that no machine that this was made for keeps in memory."""
+NAME = r"^[^/\\\x00-\x1f\x7f]+$"
+"""A run's name is a folder's, too."""
+MAX_SCENARIO = 16 * 2**20
+"""Longest scenario file that is parsed [bytes]."""
+
+Length = Annotated[Real, Field(ge=0.1, le=FARTHEST)]
+Speed = Annotated[Real, Field(ge=0, le=1000)]
+Bandwidth = Annotated[Real, Field(ge=0, le=MBPS)]
+Payment = Annotated[Real, Field(ge=0, le=UINT32)]
+PerMinute = Annotated[Real, Field(ge=0, le=6000)]
 
 
 def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
@@ -53,7 +79,9 @@ def read_buildings(path: Path) -> list[dict[str, Any]]:
             geometry, height = feature["geometry"], feature["properties"]["height"]
             if geometry["type"] != "Polygon" or len(geometry["coordinates"]) != 1:
                 raise ValueError(f"in features[{number}] a Polygon of one ring (no courtyards)")
-            buildings.append({"polygon": geometry["coordinates"][0], "height": height})
+            # A third coordinate is the ground's height (RFC 7946, 3.1.1): the ground is flat here.
+            ring = [point[:2] if len(point) == 3 else point for point in geometry["coordinates"][0]]
+            buildings.append({"polygon": ring, "height": height})
     except (KeyError, TypeError) as error:
         raise ValueError("a GeoJSON FeatureCollection, each feature with a geometry and a property height") from error
     return buildings
@@ -65,10 +93,13 @@ def _sums_to_one(weights: tuple[float, float, float, float]) -> tuple[float, flo
     return weights
 
 
-Bounds = Annotated[
-    tuple[Annotated[float, Field(ge=0, allow_inf_nan=False)], Annotated[float, Field(ge=0, allow_inf_nan=False)]],
+SpeedBounds = Annotated[tuple[Speed, Speed], AfterValidator(_ordered)]
+BandwidthBounds = Annotated[tuple[Bandwidth, Bandwidth], AfterValidator(_ordered)]
+DemandBounds = Annotated[
+    tuple[Annotated[Bandwidth, Field(ge=LEAST_DEMAND)], Annotated[Bandwidth, Field(ge=LEAST_DEMAND)]],
     AfterValidator(_ordered),
 ]
+PaymentBounds = Annotated[tuple[Payment, Payment], AfterValidator(_ordered)]
 PercentBounds = Annotated[tuple[Percent, Percent], AfterValidator(_ordered)]
 Weights = Annotated[tuple[Share, Share, Share, Share], AfterValidator(_sums_to_one)]
 
@@ -85,9 +116,9 @@ class Mobility(_Section):
     source: Literal["trace", "manhattan", "random-waypoint"] = Field(
         "trace", description="replay of floating-car data, or a synthetic model"
     )
-    trace: str = Field("bologna", min_length=1, description="a built-in trace, or a Parquet, CSV or XML file")
-    penetration: Annotated[float, Field(gt=0, le=1)] = Field(0.2, description="share of the trace's vehicles connected")
-    start: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
+    trace: Text = Field("bologna", description="a built-in trace, or a Parquet, CSV or XML file")
+    penetration: Annotated[Real, Field(gt=0, le=1)] = Field(0.2, description="share of the trace's vehicles connected")
+    start: Annotated[Real, Field(ge=0, le=1e9)] = Field(
         0.0, description="where in the trace to begin [s after its first sample]"
     )
     units: Literal["auto", "m", "km", "ft", "degrees"] = Field(
@@ -95,35 +126,45 @@ class Mobility(_Section):
         description="of the trace's positions; auto: metres, or degrees where columns, format or speeds say so",
     )
     time_unit: Literal["s", "ms", "us", "ns"] = Field("s", description="of the trace's times where they are numbers")
-    max_gap: Annotated[float, Field(gt=0, le=86_400)] = Field(
+    max_gap: Annotated[Real, Field(gt=0, le=86_400)] = Field(
         30.0, description="between samples further apart a vehicle is absent [s]"
     )
     lost_fixes: Literal["refuse", "drop"] = Field(
         "refuse", description="single samples at places that the vehicle cannot have reached"
     )
-    vehicles: Annotated[int, Field(ge=1, le=1_000_000)] = Field(200, description="synthetic models: how many vehicles")
-    area: Positive = Field(6000.0, description="synthetic models: side of the square area [m]")
-    speed: Bounds = Field((4.5, 15.0), description="synthetic models: vehicle speed, uniform between [m/s]")
+    vehicles: Annotated[Whole, Field(ge=1, le=1_000_000)] = Field(
+        200, description="synthetic models: how many vehicles"
+    )
+    area: Annotated[Real, Field(ge=1, le=FARTHEST)] = Field(
+        6000.0, description="synthetic models: side of the square area [m]"
+    )
+    speed: SpeedBounds = Field((4.5, 15.0), description="synthetic models: vehicle speed, uniform between [m/s]")
     turn_probability: Share = Field(0.5, description="manhattan: probability of a turn at a step")
 
 
 class Zones(_Section):
     """A grid of equal squares over the area."""
 
-    columns: Annotated[int, Field(ge=1, le=1000)] = Field(3, description="from west to east")
-    rows: Annotated[int, Field(ge=1, le=1000)] = Field(3, description="from south to north")
+    columns: Annotated[Whole, Field(ge=1, le=1000)] = Field(3, description="from west to east")
+    rows: Annotated[Whole, Field(ge=1, le=1000)] = Field(3, description="from south to north")
+
+    @model_validator(mode="after")
+    def _countable(self) -> Zones:
+        if self.columns * self.rows > MAX_ZONES:
+            raise ValueError(f"at most {MAX_ZONES:,} zones ({self.columns} x {self.rows} are more)")
+        return self
 
 
 class Fleet(_Section):
     """The UAVs: how many, and what they draw (Table "Simulation Setup")."""
 
-    uavs: Annotated[int, Field(ge=1)] = Field(40, description="how many, over all zones")
-    range: Positive | None = Field(
+    uavs: Annotated[Whole, Field(ge=1, le=UINT16)] = Field(40, description="how many, over all zones")
+    range: Length | None = Field(
         None, description="of the UAV-vehicle and the UAV-UAV link [m]; left out: half a zone's side"
     )
-    speed: Positive = Field(30.0, description="[m/s]")
-    altitude: Annotated[float, Field(ge=0, le=65535)] = Field(100.0, description="[m]; ranges are horizontal")
-    bandwidth: Bounds = Field((0.0, 20.0), description="available bandwidth, uniform between [Mbit/s]")
+    speed: Annotated[Speed, Field(gt=0)] = Field(30.0, description="[m/s]")
+    altitude: Annotated[Real, Field(ge=0, le=UINT16)] = Field(100.0, description="[m]; ranges are horizontal")
+    bandwidth: BandwidthBounds = Field((0.0, 20.0), description="available bandwidth, uniform between [Mbit/s]")
     battery: PercentBounds = Field((1.0, 100.0), description="at the start, uniform between [%]")
     reputation: PercentBounds = Field((1.0, 100.0), description="uniform between [0-100]")
 
@@ -131,8 +172,8 @@ class Fleet(_Section):
 class Demand(_Section):
     """What vehicles ask for and offer (Table "Simulation Setup")."""
 
-    bandwidth: Bounds = Field((1.0, 4.0), description="requested bandwidth, uniform between [Mbit/s]")
-    payment: Bounds = Field((0.0, 700.0), description="uniform between [cents per Mbit/s]")
+    bandwidth: DemandBounds = Field((1.0, 4.0), description="requested bandwidth, uniform between [Mbit/s]")
+    payment: PaymentBounds = Field((0.0, 700.0), description="uniform between [cents per Mbit/s]")
     reputation: PercentBounds = Field((1.0, 100.0), description="uniform between [0-100]")
 
 
@@ -141,19 +182,19 @@ class Selection(_Section):
 
     qou_weights: Weights = Field((0.25, 0.25, 0.25, 0.25), description="bandwidth, battery, reputation, closeness")
     qov_weights: Weights = Field((0.25, 0.25, 0.25, 0.25), description="demand, payment, reputation, closeness")
-    max_distance: Positive = Field(
+    max_distance: Length = Field(
         3000.0, description="of a candidate, and what distances are divided by; a run caps it at fleet.range [m]"
     )
-    max_uav_bandwidth: Positive = Field(20.0, description="Max AB [Mbit/s]")
-    max_demand: Positive = Field(4.0, description="Max RB [Mbit/s]")
-    max_payment: Positive = Field(700.0, description="Max PayPerMbps [cents per Mbit/s]")
+    max_uav_bandwidth: Annotated[Bandwidth, Field(ge=0.001)] = Field(20.0, description="Max AB [Mbit/s]")
+    max_demand: Annotated[Bandwidth, Field(ge=LEAST_DEMAND)] = Field(4.0, description="Max RB [Mbit/s]")
+    max_payment: Annotated[Payment, Field(ge=1)] = Field(700.0, description="Max PayPerMbps [cents per Mbit/s]")
     candidates: Literal["range", "zone"] = Field(
         "range", description="range: the zone's UAVs within max_distance; zone: all of them"
     )
-    rounds: Annotated[int, Field(ge=1, le=1000)] = Field(
+    rounds: Annotated[Whole, Field(ge=1, le=1000)] = Field(
         1, description="1: the paper; more: a rejected vehicle proposes again, up to deferred acceptance"
     )
-    hysteresis: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = Field(
+    hysteresis: Percent = Field(
         0.0, description="a vehicle leaves the UAV that served it only for one with so many more points of QoU"
     )
 
@@ -161,11 +202,15 @@ class Selection(_Section):
 class Coordination(_Section):
     """How the selected UAVs fly."""
 
-    steps: Annotated[int, Field(ge=1)] = Field(100, description="moves of every UAV in the run")
-    step_seconds: Positive = Field(2.0, description="[s]")
-    period_steps: Annotated[int, Field(ge=1)] = Field(20, description="moves between two selections")
-    policy: str = Field("auto", min_length=1, description="auto: the shipped policies; or the path of an ONNX file")
-    patience: Positive = Field(10.0, description="a team mate or vehicle whose last beacon is older counts as gone [s]")
+    steps: Annotated[Whole, Field(ge=1, le=100_000)] = Field(100, description="moves of every UAV in the run")
+    step_seconds: Annotated[Real, Field(ge=0.01, le=3600)] = Field(2.0, description="[s]")
+    period_steps: Annotated[Whole, Field(ge=1, le=100_000)] = Field(20, description="moves between two selections")
+    policy: Text = Field(
+        "auto", description="auto: the shipped policies that fit best; or one's name, or the path of an ONNX file"
+    )
+    patience: Annotated[Real, Field(ge=0.01, le=86_400)] = Field(
+        10.0, description="a team mate or vehicle whose last beacon is older counts as gone [s]"
+    )
 
 
 class Energy(_Section):
@@ -174,40 +219,36 @@ class Energy(_Section):
     model: Literal["linear", "rotary-wing"] = Field(
         "linear", description="linear: by the two rates below; rotary-wing: power by speed (Zeng et al. 2019)"
     )
-    battery: Annotated[float, Field(ge=1, le=1e6, allow_inf_nan=False)] = Field(
+    battery: Annotated[Real, Field(ge=1, le=1e6)] = Field(
         70.0, description="rotary-wing: what a full battery holds [Wh]"
     )
-    hover_per_minute: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
-        4.0, description="linear: [% of the battery]"
-    )
-    move_per_minute: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
-        5.0, description="linear: [% of the battery]"
-    )
+    hover_per_minute: PerMinute = Field(4.0, description="linear: [% of the battery]")
+    move_per_minute: PerMinute = Field(5.0, description="linear: [% of the battery]")
     reserve: Percent = Field(3.0, description="at or below it a UAV leaves, and selection replaces it [%]")
-    charge_per_minute: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
+    charge_per_minute: PerMinute = Field(
         0.0, description="what hovering at its zone's charging point gives; 0: there are none [% of the battery]"
     )
     charging_point: tuple[Share, Share] = Field(
         (0.5, 0.5), description="of every zone, from its south-west corner [zone sides]"
     )
-    charging_radius: Positive = Field(100.0, description="within which a UAV is charged [m]")
+    charging_radius: Length = Field(100.0, description="within which a UAV is charged [m]")
 
 
-Coordinate = Annotated[float, Field(allow_inf_nan=False)]
-Ring = Annotated[tuple[tuple[Coordinate, Coordinate], ...], AfterValidator(_ring)]
+Coordinate = Annotated[Real, Field(ge=-100_000_000, le=100_000_000)]
+Ring = Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(max_length=10_000), AfterValidator(_ring)]
 
 
 class Building(_Section):
     """What blocks the sight from a UAV to a vehicle."""
 
     polygon: Ring = Field(description="corners in order, x and y [m]")
-    height: Positive = Field(description="[m]")
+    height: Annotated[Real, Field(gt=0, le=UINT16)] = Field(description="[m]")
 
 
 class Obstacles(_Section):
     """What stands between UAVs and vehicles; links between UAVs are above the roofs."""
 
-    buildings: tuple[Building, ...] = Field(
+    buildings: Annotated[tuple[Building, ...], Field(max_length=100_000)] = Field(
         (), description="polygons with a height, or the name of a GeoJSON file of them [m]; none: open ground"
     )
 
@@ -220,37 +261,45 @@ class Obstacles(_Section):
 class Chain(_Section):
     """Where the contract lives."""
 
-    url: str | None = Field(
+    url: Text | None = Field(
         None, description="JSON-RPC endpoints of one chain, separated by commas; left out: the embedded chain"
     )
-    chain_id: Annotated[int, Field(ge=1)] | None = Field(
+    chain_id: Annotated[Whole, Field(ge=1, le=2**63 - 37)] | None = Field(
         None, description="what every endpoint's chain id must be; left out: the first one's"
     )
-    validators: tuple[str, ...] | None = Field(
+    validators: Annotated[tuple[Text, ...], Field(max_length=1000)] | None = Field(
         None, description="addresses that must have sealed the endpoints' blocks; left out: whoever did"
     )
-    keystore: str | None = Field(
+    keystore: Text | None = Field(
         None, description="of this host's accounts, encrypted; left out: keys of this run only"
     )
-    confirmations: Annotated[int, Field(ge=0, le=1000)] = Field(
+    confirmations: Annotated[Whole, Field(ge=0, le=1000)] = Field(
         0, description="blocks above a receipt's before it counts: 0 where blocks are final (QBFT)"
     )
-    proposals_per_call: Annotated[int, Field(ge=1)] = Field(
+    proposals_per_call: Annotated[Whole, Field(ge=1, le=UINT16)] = Field(
         60, description="largest piece of a zone's allocation in one transaction [proposals]"
     )
+
+    @model_validator(mode="after")
+    def _of_a_node(self) -> Chain:
+        """What only a node has would be passed over in silence on the embedded chain."""
+        for key in ("chain_id", "validators", "keystore"):
+            if self.url is None and getattr(self, key) is not None:
+                raise ValueError(f"chain.url beside chain.{key}: the embedded chain has none")
+        return self
 
 
 class Store(_Section):
     """Where models are kept by their content address."""
 
-    url: str | None = Field(None, description="Kubo RPC endpoint; left out: blocks in the run folder")
+    url: Text | None = Field(None, description="Kubo RPC endpoint; left out: blocks in the run folder")
 
 
 class Scenario(_Section):
     """A whole run, validated; see docs/reference/scenario.md."""
 
-    name: str = Field("bologna", min_length=1, max_length=80, pattern=r"^[^/\\\x00-\x1f\x7f]+$")
-    seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
+    name: str = Field("bologna", min_length=1, max_length=80, pattern=NAME)
+    seed: Annotated[Whole, Field(ge=0, lt=2**32)] = 1
     mobility: Mobility = Mobility()
     zones: Zones = Zones()
     fleet: Fleet = Fleet()
@@ -261,6 +310,18 @@ class Scenario(_Section):
     obstacles: Obstacles = Obstacles()
     chain: Chain = Chain()
     store: Store = Store()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, tree: Any) -> Any:
+        """Without a name a run has its trace's, or its synthetic model's."""
+        if not isinstance(tree, dict) or "name" in tree:
+            return tree
+        mobility = tree.get("mobility", {})
+        told = dict(mobility) if isinstance(mobility, dict | Mobility) else {}
+        source = told.get("source", "trace")
+        name = Path(str(told.get("trace", "bologna"))).stem if source == "trace" else source
+        return tree | {"name": name} if _fits_a_name(name) else tree
 
     @model_validator(mode="after")
     def _within_maxima(self) -> Scenario:
@@ -275,12 +336,27 @@ class Scenario(_Section):
         return self
 
     @model_validator(mode="after")
+    def _in_memory(self) -> Scenario:
+        """A run keeps everyone's position at every step."""
+        members = self.fleet.uavs + (0 if self.mobility.source == "trace" else self.mobility.vehicles)
+        if members * self.coordination.steps > MAX_POSITIONS:
+            raise ValueError(
+                f"vehicles and UAVs times coordination.steps of at most {MAX_POSITIONS:,} "
+                f"({members:,} x {self.coordination.steps:,} are more)"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _above_the_roofs(self) -> Scenario:
         """UAVs see each other; and a line of sight that never rises above a roof would be no 2.5-dimensional one."""
         highest = max((building.height for building in self.obstacles.buildings), default=0.0)
         if self.obstacles.buildings and self.fleet.altitude <= highest:
             raise ValueError(f"fleet.altitude above the highest building's {highest:g} m ({self.fleet.altitude:g} m)")
         return self
+
+
+def _fits_a_name(name: object) -> bool:
+    return isinstance(name, str) and len(name) <= 80 and re.search(NAME, name) is not None
 
 
 def builtin_scenarios() -> list[str]:
@@ -302,10 +378,15 @@ def load_scenario(source: str | Path = "bologna", overrides: Sequence[str] = (),
     place, text, folder = _read(source)
     try:
         tree: dict[str, Any] = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # ValueError: also a number of more digits than Python reads
         raise ScenarioError(place, None, f"TOML ({error})") from error
+    if folder is not None and "name" not in tree and _fits_a_name(Path(source).stem):
+        tree["name"] = Path(source).stem
     for override in overrides:
         _override(tree, override)
+    replaced = {override.partition("=")[0].strip() for override in overrides}
+    if folder is None and "name" not in replaced and replaced & {"mobility.source", "mobility.trace"}:
+        del tree["name"]  # a built-in scenario on other streets is no longer what its name says
     if seed is not None:
         tree["seed"] = seed
     if folder is not None:
@@ -315,11 +396,19 @@ def load_scenario(source: str | Path = "bologna", overrides: Sequence[str] = (),
         return scenario
     # Paths in a file are relative to that file, not to where the command was called.
     mobility, coordination = scenario.mobility, scenario.coordination
-    if (folder / mobility.trace).is_file() and "mobility.trace" not in {o.partition("=")[0].strip() for o in overrides}:
+    if _is_file(folder / mobility.trace) and "mobility.trace" not in replaced:
         mobility = mobility.model_copy(update={"trace": str(folder / mobility.trace)})
-    if (folder / coordination.policy).is_file():
+    if _is_file(folder / coordination.policy):
         coordination = coordination.model_copy(update={"policy": str(folder / coordination.policy)})
     return scenario.model_copy(update={"mobility": mobility, "coordination": coordination})
+
+
+def _is_file(path: Path) -> bool:
+    """Whether it is one; what cannot be a path (too long, say) is none."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
 
 
 def _place_buildings(tree: dict[str, Any], folder: Path, overrides: Sequence[str]) -> None:
@@ -327,7 +416,7 @@ def _place_buildings(tree: dict[str, Any], folder: Path, overrides: Sequence[str
     section = tree.get("obstacles")
     if not isinstance(section, dict) or not isinstance(name := section.get("buildings"), str):
         return
-    if (folder / name).is_file() and "obstacles.buildings" not in {o.partition("=")[0].strip() for o in overrides}:
+    if _is_file(folder / name) and "obstacles.buildings" not in {o.partition("=")[0].strip() for o in overrides}:
         section["buildings"] = str(folder / name)
 
 
@@ -394,9 +483,14 @@ def _read(source: str | Path) -> tuple[str, str, Path | None]:
     if str(source) in builtin_scenarios():
         return f"{source}.toml", (files("skyrelay.data") / "scenarios" / f"{source}.toml").read_text("utf-8"), None
     try:
-        return str(path), path.read_text(encoding="utf-8"), path.resolve().parent
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        with path.open("rb") as file:
+            content = file.read(MAX_SCENARIO + 1)
+        if len(content) > MAX_SCENARIO:
+            raise ScenarioError(str(path), None, f"at most {MAX_SCENARIO:,} bytes")
+        # Editors on Windows begin a file with a byte-order mark, and TOML's reader takes it for a key.
+        return str(path), content.decode("utf-8-sig"), path.resolve().parent
+    except (OSError, ValueError) as error:  # ValueError: not UTF-8, or a name with a NUL
+        reason = error.strerror if isinstance(error, OSError) else "UTF-8 text"
         names = ", ".join(builtin_scenarios())
         raise ScenarioError("scenario", str(source), f"a readable TOML file ({reason}) or one of: {names}") from error
 
@@ -408,7 +502,7 @@ def _override(tree: dict[str, Any], override: str) -> None:
         raise ScenarioError("--set", override, "key=value, e.g. --set fleet.uavs=20")
     try:
         value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         value = text.strip()  # a bare word is a string, so that the shell needs no nested quotes
     *sections, last = key.split(".")
     for section in sections:

@@ -109,6 +109,20 @@ def replay(trace: Trace, times: FloatArray, connected: np.ndarray, max_gap: floa
     return Tracks(ids, x[:, seen], y[:, seen], trace.box, trace.attribution, trace.notes)
 
 
+def require_trace(name: str) -> None:
+    """Make sure that a trace is there, without reading it.
+
+    Raises:
+        TraceError: it is neither a built-in one's name nor a file's path.
+    """
+    try:
+        there = name in builtin_traces() or Path(name).exists()
+    except OSError:  # a name that no file can have: too long, say
+        there = False
+    if not there:
+        raise TraceError("mobility.trace", name, f"a file that exists, or one of: {', '.join(builtin_traces())}")
+
+
 def open_trace(name: str, mobility: Mobility = DEFAULTS) -> tuple[Trace, str]:
     """A trace by the name of a built-in one or a file's path, read as `[mobility]` says, and what to call it.
 
@@ -118,7 +132,5 @@ def open_trace(name: str, mobility: Mobility = DEFAULTS) -> tuple[Trace, str]:
     if name in builtin_traces():
         with as_file(files("skyrelay.data") / "traces" / f"{name}.parquet") as path:
             return read_trace(path, mobility), f"built-in trace {name}"
-    path = Path(name)
-    if not path.exists():
-        raise TraceError("mobility.trace", name, f"a file that exists, or one of: {', '.join(builtin_traces())}")
-    return read_trace(path, mobility), str(path)
+    require_trace(name)
+    return read_trace(Path(name), mobility), name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -69,8 +70,9 @@ class Policy:
         try:
             with path.open("rb") as file:
                 content = file.read(MAX_BYTES + 1)
-        except OSError as error:
-            raise ModelError(place or path, None, f"a readable ONNX file ({error.strerror})") from error
+        except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+            reason = error.strerror if isinstance(error, OSError) else error
+            raise ModelError(place or path, None, f"a readable ONNX file ({reason})") from error
         return cls._tried(content, place or str(path))
 
     @classmethod
@@ -92,6 +94,22 @@ class Policy:
         if name not in builtin_policies():
             raise ModelError("policy", name, f"one of: {', '.join(builtin_policies())}")
         return cls((files("skyrelay.data") / "policies" / f"{name}.onnx").read_bytes(), f"built-in policy {name}")
+
+    @classmethod
+    def named(cls, model: str) -> Policy:
+        """A file's policy, or where there is no such file the shipped one of that name.
+
+        Raises:
+            ModelError: it is neither; a name that nearly fits is suggested.
+        """
+        path, shipped = Path(model), builtin_policies()
+        if path.suffix or path.name != model or len(model) > 80 or path.exists():
+            return cls.load(path)
+        if model in shipped:
+            return cls.builtin(model)
+        close = difflib.get_close_matches(model, shipped, n=1)
+        known = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(shipped)}"
+        raise ModelError("policy", model, f"an ONNX file's path or a shipped policy's name: {known}")
 
     @property
     def n(self) -> int:

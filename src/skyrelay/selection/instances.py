@@ -37,7 +37,7 @@ def draw_instance(vehicles: int, uavs: int, seed: int, scenario: Scenario) -> tu
         x=x,
         y=y,
         zone=grid.zone_of(x, y),
-        demand=np.maximum(of_vehicles.uniform(*demand.bandwidth, vehicles) * _KBPS_PER_MBPS, 1.0),
+        demand=of_vehicles.uniform(*demand.bandwidth, vehicles) * _KBPS_PER_MBPS,
         payment=of_vehicles.uniform(*demand.payment, vehicles),
         reputation=of_vehicles.uniform(*demand.reputation, vehicles),
     )

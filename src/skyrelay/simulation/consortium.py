@@ -126,12 +126,12 @@ def _open_chain(config: ChainConfig, folder: Path) -> EmbeddedChain | NodeChain:
 
 
 def _policies(scenario: Scenario) -> list[Policy]:
-    """The one at a path; or the shipped policies that look at all that this run can show, or come nearest to it.
+    """The one of that name or path; or the shipped ones that look at all that this run can show, or nearest to it.
 
     Policies that look at maps which the run does not have are left out: they were trained for other games.
     """
     if scenario.coordination.policy != "auto":
-        return [Policy.load(Path(scenario.coordination.policy))]
+        return [Policy.named(scenario.coordination.policy)]
     buildings, charging = bool(scenario.obstacles.buildings), scenario.energy.charge_per_minute > 0
     has = map_names(obstacles=buildings, energy=charging, tells_range=True, outlook=True)
     shipped = [Policy.builtin(name) for name in builtin_policies()]

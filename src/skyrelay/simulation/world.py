@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,11 +12,15 @@ from scipy.cluster.vq import kmeans2
 from skyrelay.airspace.charge import Charger, at_charger, spend
 from skyrelay.airspace.law import Law
 from skyrelay.core.entities import FloatArray, IntArray
+from skyrelay.core.errors import ScenarioError
 from skyrelay.core.resolved import ResolvedScenario, resolve
-from skyrelay.core.scenario import Demand, Scenario
+from skyrelay.core.scenario import Building, Demand, Scenario
 from skyrelay.core.scenario import Fleet as FleetConfig
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.mobility import Tracks, load_tracks
+
+SMALLEST_BUILDING = 1.0
+"""Of which at least one must be so long or wide [m]: a house in degrees is a thousand times smaller."""
 
 
 @dataclass(frozen=True)
@@ -94,9 +98,11 @@ class World:
 
         Raises:
             TraceError: the trace cannot be read, or is shorter than the run.
+            ScenarioError: no building stands in the area.
         """
         tracks = load_tracks(scenario)
         grid = ZoneGrid.over(*tracks.box, scenario.zones.columns, scenario.zones.rows)
+        _check_buildings(scenario.obstacles.buildings, tracks.box)
         resolved = resolve(scenario, grid)
         return cls(
             resolved,
@@ -116,11 +122,36 @@ class World:
         return dict(zip(self.addresses(account).values(), values, strict=True))
 
 
+def _check_buildings(buildings: Sequence[Building], box: tuple[float, float, float, float]) -> None:
+    """That some stand in the area; in degrees or another projection all of a city's are a speck, or elsewhere.
+
+    Args:
+        box: the area's smallest x and y, largest x and y [m].
+    Raises:
+        ScenarioError: none does.
+    """
+    if not buildings:
+        return
+    corners = [np.array(building.polygon) for building in buildings]
+    low = np.array([ring.min(axis=0) for ring in corners])
+    high = np.array([ring.max(axis=0) for ring in corners])
+    inside = (high >= box[:2]).all(axis=1) & (low <= box[2:]).all(axis=1)
+    if (inside & (np.ptp([low, high], axis=0).max(axis=1) >= SMALLEST_BUILDING)).any():
+        return
+    (x0, y0), (x1, y1) = low.min(axis=0), high.max(axis=0)
+    raise ScenarioError(
+        "obstacles.buildings",
+        f"{len(buildings)} at x {x0:g} to {x1:g}, y {y0:g} to {y1:g}",
+        f"buildings of at least {SMALLEST_BUILDING:g} m in the run's area, x {box[0]:g} to {box[2]:g} m and "
+        f"y {box[1]:g} to {box[3]:g} m (degrees have to be projected to these metres)",
+    )
+
+
 def draw_members(config: Demand, seed: int, count: int) -> Members:
     """Attributes of ``count`` vehicles, uniform as in Table "Simulation Setup"."""
     random = np.random.default_rng([seed, 2])
     return Members(
-        demand=_uniform(random, config.bandwidth, 1000, count).clip(min=1),
+        demand=_uniform(random, config.bandwidth, 1000, count),
         payment=_uniform(random, config.payment, 1, count),
         reputation=_uniform(random, config.reputation, 100, count) / 100.0,
     )
