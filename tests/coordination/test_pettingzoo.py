@@ -30,6 +30,33 @@ def test_ours():
     assert check_parallel_env(small, episodes=3) == 36
 
 
+@pytest.mark.parametrize("action", [-1, 9, 1.7, 1.0, float("nan"), True, None, "1", np.array([1, 2]), np.float32(3)])
+def test_an_action_that_is_none_is_refused_and_nobody_has_moved(action):
+    env = small()
+    env.reset(seed=0)
+    before = env.state()
+    with pytest.raises(UsageError, match=r"step: action of uav_1.* expected a whole number from 0 to 8"):
+        env.step({"uav_0": 3, "uav_1": action, "uav_2": 0})
+    np.testing.assert_array_equal(env.state(), before)
+
+
+def test_an_agent_without_an_action_is_named():
+    env = small()
+    env.reset(seed=0)
+    with pytest.raises(UsageError, match="action of uav_2"):
+        env.step({"uav_0": 3, "uav_1": 0})
+
+
+def test_whole_numbers_of_any_kind_are_actions():
+    positions = []
+    for action in (2, np.int64(2), np.uint8(2), np.array(2)):
+        env = small()
+        env.reset(seed=0)
+        env.step(dict.fromkeys(env.agents, action))
+        positions.append(env.state())
+    np.testing.assert_array_equal(positions[1:], [positions[0]] * 3)
+
+
 def test_a_domain_of_many_scales_conforms():
     domain = Domain((2, 2), (1, 6), ratio=(1.5, 3.0), uav_step=(0.02, 0.1), halt=(0.0, 0.5), go=(0.1, 1.0))
     shape = Shape(2, 6, n=5, steps=8, mobility="mixed")

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from skyrelay.cli.ending import until_terminated
+from skyrelay.core.errors import UsageError
 
 
 class Kind(StrEnum):
@@ -25,6 +26,23 @@ def command(
     members: Annotated[
         str, typer.Option("--members", metavar="NAMES", help="Of those in the file, by comma.", show_default="all")
     ] = "",
+    autopilot: Annotated[
+        str | None,
+        typer.Option("--autopilot", metavar="URL", help="What flies the one UAV by MAVLink; docs/how-to/autopilot.md."),
+    ] = None,
+    gpsd: Annotated[
+        str | None, typer.Option("--gpsd", metavar="HOST:PORT", help="Where the one vehicle's receiver is asked.")
+    ] = None,
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            "--origin", metavar="LAT,LON", help="Where the scenario's x = y = 0 is [degrees]; for --autopilot."
+        ),
+    ] = None,
+    metrics: Annotated[
+        str | None, typer.Option("--metrics", metavar="HOST:PORT", help="Answer Prometheus at /metrics there.")
+    ] = None,
+    log_json: Annotated[bool, typer.Option("--log-json", help="Say everything as JSON, an object a line.")] = False,
 ) -> None:
     """Host agents of one kind, each with its own key, until the world stops.
 
@@ -32,10 +50,20 @@ def command(
     Examples:
       skyrelay agent uav --config uavs.toml
       skyrelay agent vehicle --config vehicles.toml --members v017,v018
+      skyrelay agent uav --config uavs.toml --members u03 --autopilot udp://127.0.0.1:14540 --origin 44.49,11.34
     """
     from skyrelay.pilot.agents import run_agents
     from skyrelay.pilot.config import load_config
+    from skyrelay.pilot.geodesy import Frame
+    from skyrelay.pilot.logs import configure
 
     wanted = [name.strip() for name in members.split(",") if name.strip()]
+    if (autopilot is None and gpsd is None) != (origin is None):
+        raise UsageError("--origin", origin, "with --autopilot or --gpsd, and only with them")
+    frame = None if origin is None else Frame.parse(origin, "--origin")
+    host = load_config(config, wanted)
+    logger = configure(host.name, log_json)
     with until_terminated():
-        run_agents(kind.value, load_config(config, wanted), lambda line: typer.echo(line, err=True))
+        airframe = None if autopilot is None or frame is None else (autopilot, frame)
+        receiver = None if gpsd is None or frame is None else (gpsd, frame)
+        run_agents(kind.value, host, logger.info, airframe=airframe, receiver=receiver, metrics=metrics)

@@ -1,4 +1,4 @@
-"""How a training is shown: stage, bar, time left, the newest greedy test."""
+"""How a training is shown: stage, bar, time since its start, time left, the newest greedy test."""
 
 from __future__ import annotations
 
@@ -6,7 +6,15 @@ from types import TracebackType
 from typing import Self
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from skyrelay.learning.training import Report
 
@@ -22,6 +30,8 @@ class TrainingProgress:
             BarColumn(),
             MofNCompleteColumn(),
             TextColumn("updates,"),
+            TimeElapsedColumn(),
+            TextColumn("since the start, left"),
             TimeRemainingColumn(),
             TextColumn("{task.fields[note]}"),
             console=self._console,

@@ -41,6 +41,16 @@ def command(
     wait: Annotated[
         float, typer.Option("--wait", min=0.0, metavar="S", help="How long the world stands still for a lost host [s].")
     ] = 30.0,
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            "--speed",
+            min=0.001,
+            metavar="X",
+            help="Seconds of the world to one of the wall's: 1 is real time.",
+            show_default="as fast as it goes",
+        ),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a run folder that is already there.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -87,6 +97,7 @@ def command(
             elsewhere=[kind.value for kind in elsewhere or ()],
             uav_hosts=uav_hosts,
             wait=wait,
+            speed=speed,
         )
     if as_json:
         print_result(summary, as_json)

@@ -141,7 +141,8 @@ def step(state: State, actions: Int[Array, " uavs"], trace: Trace | None = None)
     """All UAVs move, then all vehicles; the reward is of the state that results.
 
     Args:
-        actions: 0 stays, k in 1..8 flies ``uav_step`` towards 2 pi k / 8; a move ends at the zone's border.
+        actions: 0 stays, k in 1..8 flies ``uav_step`` towards 2 pi k / 8; a move ends at the zone's border. Compiled
+            code cannot refuse others: what they do is undefined (`skyrelay.coordination.pettingzoo` refuses them).
         trace: the vehicles of a replay (the same at every step); None for the synthetic models.
 
     In games with drop-outs some UAVs leave at the end of the step, and others get their vehicles at once.

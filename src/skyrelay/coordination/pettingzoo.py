@@ -34,6 +34,9 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
     and the same for all. An episode is truncated after ``shape.steps`` steps and never terminates; in games with
     drop-outs an agent terminates when its UAV leaves.
 
+    A process that has reset or stepped one must not fork: JAX's threads do not survive it, and the child hangs. Start
+    workers by ``spawn`` or ``forkserver`` (`multiprocessing.get_context`), each with a game of its own.
+
     Args:
         shape: compiled sizes.
         domain: games to draw from; its team size is fixed.
@@ -98,19 +101,23 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
 
         Returns: observations, rewards, terminations, truncations and infos (coverage, connectivity,
             connectivity_neighbor; with the outlook, the safe moves as action_mask [9]) by agent.
+        Raises:
+            UsageError: an agent in play has no action, or one that is not a whole number from 0 to 8.
         """
         if self._state is None or not self.agents:
             raise RuntimeError("call reset() before step(): there is no episode in play")
-        row = np.array([actions[a] if a in self.agents else STAY for a in self.possible_agents], dtype=np.int32)
-        self._state, maps, score, truncated = _step(self._state, jnp.asarray(row))
-        over, active = bool(truncated), np.asarray(self._state.active)
+        row = np.array([_checked(a, actions) if a in self.agents else STAY for a in self.possible_agents], np.int32)
+        self._state, told = _step(self._state, row)
+        # Everything comes over at once: each array by itself waits for the device.
+        maps, active, score, truncated = jax.device_get((told[0], self._state.active, *told[1:]))
+        over, reward = bool(truncated), float(score.reward)
         measures = {
             "coverage": float(score.coverage),
             "connectivity": float(score.connectivity),
             "connectivity_neighbor": float(score.connectivity_neighbor),
         }
         observations = {agent: seen for agent, seen in self._by_agent(maps).items() if agent in self.agents}
-        rewards = {agent: float(score.reward) for agent in self.agents}
+        rewards = dict.fromkeys(self.agents, reward)
         terminations = {a: not active[row] for row, a in enumerate(self.possible_agents) if a in self.agents}
         truncations = dict.fromkeys(self.agents, over)
         masks = self._masks(maps)
@@ -149,6 +156,15 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
         return {agent: rows[number] for number, agent in enumerate(self.possible_agents)}
 
 
+def _checked(agent: str, actions: dict[str, Any]) -> int:
+    """The compiled game checks nothing: an action that is none would take the UAV out of the zone, for good."""
+    action = actions.get(agent)
+    whole = isinstance(action, int | np.integer) or (isinstance(action, np.ndarray) and action.dtype.kind in "iu")
+    if not whole or isinstance(action, bool) or np.size(action) != 1 or not 0 <= int(action) < ACTIONS:  # type: ignore[arg-type]
+        raise UsageError(f"step: action of {agent}", action, f"a whole number from 0 to {ACTIONS - 1}")
+    return int(action)  # type: ignore[arg-type]
+
+
 @partial(jax.jit, static_argnums=(1, 2))
 def _reset(key: jax.Array, shape: Shape, domain: Domain) -> tuple[game.State, jax.Array]:
     k_draw, k_reset = jax.random.split(key)
@@ -157,7 +173,7 @@ def _reset(key: jax.Array, shape: Shape, domain: Domain) -> tuple[game.State, ja
 
 
 @jax.jit
-def _step(state: game.State, actions: jax.Array) -> tuple[game.State, jax.Array, Score, jax.Array]:
-    state, transition = game.step(state, actions)
+def _step(state: game.State, actions: npt.NDArray[np.int32]) -> tuple[game.State, tuple[jax.Array, Score, jax.Array]]:
+    state, transition = game.step(state, jnp.asarray(actions))
     maps = normalise(transition.observation, state.shape.zoom, state.shape.maps)
-    return state, maps, transition.score, transition.truncated
+    return state, (maps, transition.score, transition.truncated)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Literal
 
@@ -10,9 +12,14 @@ from skyrelay.chain.accounts import Keyring
 from skyrelay.chain.client import IovClient
 from skyrelay.chain.node.chain import NodeChain
 from skyrelay.core.errors import UsageError
+from skyrelay.pilot.autopilot import Autopilot
 from skyrelay.pilot.bus import Bus
 from skyrelay.pilot.config import HostConfig
+from skyrelay.pilot.flown import FlownUav
+from skyrelay.pilot.geodesy import Frame
 from skyrelay.pilot.lockstep import Radio, serve
+from skyrelay.pilot.metrics import Metrics
+from skyrelay.pilot.position import Gpsd, PositionSource
 from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.authority import ReputationAuthority
 from skyrelay.protocol.coordinator import ZoneCoordinator
@@ -24,16 +31,30 @@ from skyrelay.store.kubo import KuboStore
 from skyrelay.store.local import LocalStore
 from skyrelay.store.model_store import ModelStore
 
+METRICS_TOKEN = "SKYRELAY_METRICS_TOKEN"  # noqa: S105  (the variable's name)
 Kind = Literal["vehicle", "uav", "coordinator"]
 
 
-def run_agents(kind: Kind, config: HostConfig, say: Callable[[str], None]) -> None:
+def run_agents(
+    kind: Kind,
+    config: HostConfig,
+    say: Callable[[str], None],
+    *,
+    airframe: tuple[str, Frame] | None = None,
+    receiver: tuple[str, Frame] | None = None,
+    metrics: str | None = None,
+) -> None:
     """Host the members of one kind, until the world stops.
 
     Args:
         say: is called with every line that a person should read.
+        airframe: where the autopilot of the one UAV is reached, and where the scenario's plane is.
+        receiver: where gpsd of the one vehicle is reached, and where the scenario's plane is.
+        metrics: ``HOST:PORT`` at which Prometheus is answered.
     Raises:
-        UsageError: the file has no member of this kind.
+        UsageError: the file has no member of this kind, or not one UAV for the airframe, one vehicle for the receiver.
+        PositionError: gpsd is not there.
+        AutopilotError: it is not there, or does not take off.
         ChainError: keystore, endpoint, chain or contract are not what the file says.
         BusError: the bus is not there, or the world has stopped.
     """
@@ -42,10 +63,15 @@ def run_agents(kind: Kind, config: HostConfig, say: Callable[[str], None]) -> No
     agents = make_agents(kind, config, keyring)
     if not agents:
         raise UsageError(config.name, None, f"at least one {kind} to host in its file")
+    if airframe is not None and (kind != "uav" or len(agents) != 1):
+        raise UsageError("--autopilot", f"{len(agents)} of kind {kind}", "one UAV: name it by --members")
+    if receiver is not None and (kind != "vehicle" or len(agents) != 1):
+        raise UsageError("--gpsd", f"{len(agents)} of kind {kind}", "one vehicle: name it by --members")
     chain = NodeChain(access.urls, keyring, chain_id=access.chain_id, confirmations=access.confirmations)
     client = IovClient.connect(chain, access.contract, access.chain_id)
     at = config.bus
-    with Bus(config.name, at.connect, at.listen, weather=at.weather(), lossless=True) as bus:
+    with ExitStack() as stack:
+        bus = stack.enter_context(Bus(config.name, at.connect, at.listen, weather=at.weather(), lossless=True))
         zones = {keyring.account(uav.name): uav.zone for uav in config.uav} if kind == "uav" else {}
         radio = Radio(bus, (access.contract, access.chain_id), keyring, zones, config.law().patience)
         host = Host(
@@ -57,8 +83,33 @@ def run_agents(kind: Kind, config: HostConfig, say: Callable[[str], None]) -> No
             alone=False,
         )
         host.catch_up()
+        if metrics is not None:
+            server = _metrics(config.name, host, radio).serve(metrics, os.environ.get(METRICS_TOKEN) or None)
+            say(f"metrics at {stack.enter_context(server).url}")
+        flown: dict[str, FlownUav] = {}
+        if airframe is not None:
+            (uav,) = config.uav
+            autopilot = stack.enter_context(Autopilot(*airframe))
+            law, altitude = config.law(), config.resolved().fleet.altitude
+            body = stack.enter_context(FlownUav(autopilot, law, uav.zone, altitude, say))
+            flown[keyring.account(uav.name)] = body
+        receivers: dict[str, PositionSource] = {}
+        if receiver is not None:
+            receivers[agents[0].address] = stack.enter_context(Gpsd(*receiver))
         say(f"ready: {len(agents)} of kind {kind}, at block {chain.block_number}")
-        serve(host, bus, access.contract, config.name, radio, config.patience)
+        serve(host, bus, access.contract, config.name, radio, config.patience, flown, receivers)
+
+
+def _metrics(name: str, host: Host, radio: Radio) -> Metrics:
+    """What a host counts."""
+    metrics = Metrics(name)
+    metrics.gauge("members", "Agents in this process", lambda: len(host.agents))
+    metrics.counter("transactions", "Mined for these agents", lambda: host.transactions)
+    metrics.counter("gas", "Used by these transactions", lambda: host.gas_used)
+    metrics.counter("chain_wait_seconds", "Waited for the chain", lambda: host.chain_seconds)
+    metrics.counter("beacons_admitted", "Beacons let in", lambda: radio.gate.admitted)
+    metrics.counter("beacons_dropped", "Beacons dropped", radio.gate.dropped_by_reason, label="reason")
+    return metrics
 
 
 def make_agents(kind: Kind, config: HostConfig, keyring: Keyring) -> list[Agent]:

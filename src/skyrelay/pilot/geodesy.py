@@ -41,6 +41,19 @@ class Frame:
         object.__setattr__(self, "_north", math.radians(meridian))
         object.__setattr__(self, "_east", math.radians(normal * math.cos(latitude)))
 
+    @classmethod
+    def parse(cls, text: str, option: str) -> Frame:
+        """From ``LATITUDE,LONGITUDE``.
+
+        Raises:
+            UsageError: it is no such pair.
+        """
+        try:
+            latitude, longitude = map(float, text.split(","))
+        except ValueError:
+            raise UsageError(option, text, "LATITUDE,LONGITUDE in degrees, e.g. 44.49,11.34") from None
+        return cls(latitude, longitude)
+
     def to_plane(self, latitude: float, longitude: float) -> tuple[float, float]:
         """x, y [m] of a place [degrees]."""
         east = (longitude - self.longitude + 180.0) % 360.0 - 180.0

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import math
 import queue
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from types import MappingProxyType
 
 from skyrelay.chain.abi import Event
 from skyrelay.chain.accounts import Keyring
 from skyrelay.chain.client import IovClient
+from skyrelay.chain.node.chain import NodeChain
 from skyrelay.core.errors import BusError
 from skyrelay.pilot.bus import Asked, Bus, uav_key, vehicle_key
-from skyrelay.pilot.wire import ChoiceMessage, Reply, TickMessage, decode, topic
+from skyrelay.pilot.flown import FlownUav
+from skyrelay.pilot.position import PositionSource
+from skyrelay.pilot.wire import ChoiceMessage, FixMessage, Reply, TickMessage, decode, topic
 from skyrelay.protocol.beacon import BeaconGate, Session
 from skyrelay.protocol.host import Host
 from skyrelay.protocol.messages import Beacon, Fix, Phase, Tick
+from skyrelay.protocol.sequence import UavState
+from skyrelay.protocol.uav import UavAgent
 from skyrelay.protocol.vehicle import Choice
 from skyrelay.protocol.zone_view import ZoneView, read_zone
 from skyrelay.store.cid import Cid
@@ -37,10 +44,11 @@ class RemoteHosts:
     Args:
         contract: its address, which names the run on the bus.
         members: addresses of each host's members, by the host's name, in the order in which hosts are asked.
-        client: to read the contract with.
+        client, chain: to read the contract with, as it is founded.
         heard: is called with every event of the contract.
         notice: is called with a line when a host goes or comes.
         wait: how long the world stands still for a host that does not answer, before it goes on without it [s].
+        speed: seconds of the world's clock to one of the wall's, at most; None as fast as the hosts can.
     """
 
     def __init__(
@@ -49,10 +57,13 @@ class RemoteHosts:
         contract: str,
         members: Mapping[str, Sequence[str]],
         client: IovClient,
+        chain: NodeChain,
         heard: Callable[[Event], None],
         notice: Callable[[str], None],
         wait: float = 30.0,
+        speed: float | None = None,
     ) -> None:
+        self._speed, self._began = speed, math.nan
         self._bus, self._contract, self._client = bus, contract, client
         self._heard, self._notice, self._wait = heard, notice, wait
         self._members = {name: list(addresses) for name, addresses in members.items()}
@@ -62,18 +73,12 @@ class RemoteHosts:
         self._gone: set[str] = set()
         self._sent: dict[str, Mapping[str, int]] = {}
         self._moves: dict[str, int] = {}
+        self._flown: dict[str, Fix] = {}
         self._choices: dict[str, Choice] = {}
         self._next_block = 0
-
-    @property
-    def transactions(self) -> int:
-        """Mined for the agents that live now."""
-        return sum(reply.transactions for reply in self._replies.values())
-
-    @property
-    def gas_used(self) -> int:
-        """By these transactions."""
-        return sum(reply.gas_used for reply in self._replies.values())
+        self._chain = chain
+        self._founded = chain.block_number
+        self.transactions = self.gas_used = 0  # by the blocks since then, whatever became of who sent them
 
     @property
     def chain_seconds(self) -> float:
@@ -107,6 +112,7 @@ class RemoteHosts:
         """The clock, to all hosts; returns when all have answered, or are given up."""
         if tick.phase is Phase.BEACON:
             self._sent.clear()
+            self._pace(tick.time)
         if tick.phase is Phase.CLOSE:
             self._choices.clear()
         if tick.phase in TOGETHER:
@@ -125,6 +131,11 @@ class RemoteHosts:
         """The actions of the UAVs that have decided since this was last called, by address."""
         moves, self._moves = self._moves, {}
         return moves
+
+    def take_fixes(self) -> dict[str, Fix]:
+        """Where UAVs with an airframe of their own say that they are, since this was last called, by address."""
+        fixes, self._flown = self._flown, {}
+        return fixes
 
     def choices(self) -> dict[str, Choice]:
         """What Algorithm 1 gave the vehicles in this period, by address."""
@@ -171,6 +182,7 @@ class RemoteHosts:
         self._untold[name] = set()
         self._replies[name] = reply
         self._moves |= reply.moves
+        self._flown |= reply.read_fixes()
         self._choices |= reply.read_choices()
         if tick.phase is Phase.BEACON:
             self._sent[name] = reply.sent
@@ -184,11 +196,21 @@ class RemoteHosts:
             self._notice(f"{name}: {error}")
             return None
 
+    def _pace(self, now: float) -> None:
+        """Wait until the wall's clock is as far; the first step that is asked for is on time."""
+        if self._speed is not None:
+            if math.isnan(self._began):
+                self._began = time.monotonic() - now / self._speed
+            time.sleep(max(0.0, self._began + now / self._speed - time.monotonic()))
+
     def _read(self) -> None:
         last = self._client.chain.block_number
         if last >= self._next_block:
             for event in self._client.events(self._next_block, last):
                 self._heard(event)
+            for block in self._chain.blocks(range(max(self._next_block, self._founded + 1), last + 1)):
+                self.transactions += len(block["transactions"])
+                self.gas_used += int(block["gasUsed"], 16)
             self._next_block = last + 1
 
 
@@ -268,10 +290,21 @@ class Radio:
         return own + [beacon for content in raw if (beacon := self.gate.admit(content, now)) is not None]
 
 
-def serve(host: Host, bus: Bus, contract: str, name: str, radio: Radio, patience: float) -> None:
+def serve(
+    host: Host,
+    bus: Bus,
+    contract: str,
+    name: str,
+    radio: Radio,
+    patience: float,
+    flown: Mapping[str, FlownUav] = MappingProxyType({}),
+    receivers: Mapping[str, PositionSource] = MappingProxyType({}),
+) -> None:
     """Answer the world's ticks until it stops asking.
 
     Args:
+        flown: UAVs of this host with an airframe of their own, by address.
+        receivers: of members that know where they are by one, and not from the world.
         patience: without a tick for so long the world is taken to have stopped [s].
     Raises:
         BusError: the world has stopped.
@@ -282,6 +315,8 @@ def serve(host: Host, bus: Bus, contract: str, name: str, radio: Radio, patience
             question = questions.get(timeout=patience)
         except queue.Empty:
             raise BusError("world", f"silent for {patience:g} s", "a world that goes on") from None
+        for uav in flown.values():
+            uav.beat("bus")
         if not question.content:  # whether we are here
             question.answer(b"")
             continue
@@ -292,29 +327,49 @@ def serve(host: Host, bus: Bus, contract: str, name: str, radio: Radio, patience
             question.refuse(str(error))
             continue
         try:
-            reply = _work(host, radio, message, tick)
+            reply = _work(host, radio, message, tick, flown, receivers)
         except Exception as error:
             question.refuse(str(error))
             raise
         question.answer(reply.encode())
 
 
-def _work(host: Host, radio: Radio, message: TickMessage, tick: Tick) -> Reply:
+def _work(
+    host: Host,
+    radio: Radio,
+    message: TickMessage,
+    tick: Tick,
+    flown: Mapping[str, FlownUav],
+    receivers: Mapping[str, PositionSource],
+) -> Reply:
     """What the agents here do at a tick."""
-    host.tell(message.read_fixes())
+    sources: Mapping[str, PositionSource] = {**receivers, **flown}
+    host.tell(message.read_fixes() | {address: source.fix() for address, source in sources.items()})
     if tick.phase is Phase.DECIDE:
         host.hear(radio.take(tick.time, message.sent))
     host.tick(tick)
     sent = radio.send(host.take_beacons())
     choices = host.choices() if tick.phase is Phase.PROPOSE else {}
+    moves = host.take_moves()
+    _fly(host, tick, moves, flown)
     return Reply(
-        moves=host.take_moves(),
+        moves=moves,
+        fixes={address: FixMessage.of(fix) for address, uav in flown.items() if (fix := uav.fix()).position},
         choices={
             address: ChoiceMessage(uav=choice.uav, qou=choice.qou, weighed=choice.weighed)
             for address, choice in choices.items()
         },
         sent=dict(sent),
-        transactions=host.transactions,
-        gas_used=host.gas_used,
         chain_seconds=host.chain_seconds,
     )
+
+
+def _fly(host: Host, tick: Tick, moves: Mapping[str, int], flown: Mapping[str, FlownUav]) -> None:
+    """Have airframes do what their agents decided; an agent that has nothing to decide misses no policy."""
+    deciding = {a.address for a in host.agents if isinstance(a, UavAgent) and a.state is UavState.FLYING}
+    for address, uav in flown.items():
+        uav.beat("chain")  # or the tick would not be done
+        if address in moves:
+            uav.fly(moves[address])
+        elif address not in deciding or tick.phase is not Phase.DECIDE:
+            uav.beat("policy")

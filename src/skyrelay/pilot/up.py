@@ -60,6 +60,7 @@ def up(
     elsewhere: Sequence[str] = (),
     uav_hosts: int = 1,
     wait: float = 30.0,
+    speed: float | None = None,
 ) -> dict[str, Any]:
     """Start all of it, play the scenario in lock-step, and leave a run folder as `skyrelay.simulation.play` does.
 
@@ -72,6 +73,7 @@ def up(
         elsewhere: kinds of hosts that are not started here: their files are written, and who starts them is waited for.
         uav_hosts: how many processes share the UAVs.
         wait: how long the world stands still for a host that does not answer [s].
+        speed: seconds of the world's clock to one of the wall's, at most; None as fast as the hosts can.
     Returns: the summary, as in ``summary.json``.
     Raises:
         TraceError, ModelError, StoreError, ChainError, BusError: naming what was wrong with what.
@@ -100,6 +102,9 @@ def up(
         write_text(folder / SCENARIO, to_toml(world.scenario))
         consortium = stack.enter_context(Consortium(founded, folder, elsewhere=accounts))
         consortium.found()
+        chain = consortium.chain
+        if not isinstance(chain, NodeChain):
+            raise TypeError("a chain that has an address is a node's")
         for place in places:
             path = _write_config(place, world, consortium, hosts, url, endpoint, place.kind in elsewhere)
             command = ["agent", place.kind, "--config", str(path)]
@@ -110,7 +115,7 @@ def up(
         run = Run(world, consortium.account)
         members = {place.name: _addresses(place) for place in places}
         run.hosts = remote = RemoteHosts(
-            bus, consortium.client.address, members, consortium.client, run.hear, say, wait
+            bus, consortium.client.address, members, consortium.client, chain, run.hear, say, wait, speed
         )
         remote.gather(LATEST if elsewhere else START, children.check)
         run.play(progress)

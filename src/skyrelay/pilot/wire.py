@@ -57,6 +57,11 @@ class FixMessage(_Message):
     battery: Number
     speed: Number
 
+    @classmethod
+    def of(cls, fix: Fix) -> FixMessage:
+        """A fix's."""
+        return cls(position=fix.position, battery=fix.battery, speed=fix.speed)
+
 
 class TickMessage(_Message):
     """What it is time for, to one host.
@@ -84,9 +89,7 @@ class TickMessage(_Message):
             round=tick.round,
             step=tick.step,
             time=tick.time,
-            fixes={
-                a: FixMessage(position=fix.position, battery=fix.battery, speed=fix.speed) for a, fix in fixes.items()
-            },
+            fixes={address: FixMessage.of(fix) for address, fix in fixes.items()},
             sent=dict(sent),
         )
 
@@ -102,7 +105,7 @@ class TickMessage(_Message):
 
     def read_fixes(self) -> dict[str, Fix]:
         """The fixes."""
-        return {address: Fix(fix.position, fix.battery, fix.speed) for address, fix in self.fixes.items()}
+        return _fixes(self.fixes)
 
 
 class ChoiceMessage(_Message):
@@ -119,17 +122,25 @@ class Reply(_Message):
     Attributes:
         moves: actions by the UAVs' addresses.
         choices: what Algorithm 1 gave its vehicles, by address.
+        fixes: of its UAVs with an airframe of their own, by address.
         sent: how many beacons it sent on each topic.
-        transactions, gas_used, chain_seconds: since it began.
+        chain_seconds: that it has waited for the chain since it began [s].
     """
 
     moves: dict[Address, Annotated[int, Field(ge=0, le=8)]] = {}
     choices: dict[Address, ChoiceMessage] = {}
+    fixes: dict[Address, FixMessage] = {}
     sent: dict[str, Count] = {}
-    transactions: Count = 0
-    gas_used: Count = 0
     chain_seconds: Number = 0.0
 
     def read_choices(self) -> dict[str, Choice]:
         """The choices."""
         return {address: Choice(c.uav, c.qou, c.weighed) for address, c in self.choices.items()}
+
+    def read_fixes(self) -> dict[str, Fix]:
+        """The fixes."""
+        return _fixes(self.fixes)
+
+
+def _fixes(messages: Mapping[str, FixMessage]) -> dict[str, Fix]:
+    return {address: Fix(fix.position, fix.battery, fix.speed) for address, fix in messages.items()}

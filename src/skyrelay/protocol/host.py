@@ -132,6 +132,10 @@ class Host:
 
     # What goes out
 
+    def take_fixes(self) -> dict[str, Fix]:
+        """None: no UAV of this process has an airframe of its own."""
+        return {}
+
     def choices(self) -> dict[str, Choice]:
         """What Algorithm 1 gave the vehicles here in this period, by address."""
         return {

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from skyrelay.airspace import flight as rules
 from skyrelay.airspace.law import Law
 from skyrelay.core.entities import FloatArray, IntArray
+from skyrelay.protocol.messages import Fix
 from skyrelay.simulation.world import Fleet
 
 NOBODY = -1
@@ -65,6 +66,13 @@ class Flight:
     def assign(self, owner: IntArray) -> None:
         """Begin a period: ``owner`` [V] is the row of each vehicle's UAV or -1."""
         self.owner = owner.copy()
+
+    def correct(self, fixes: Mapping[int, Fix]) -> None:
+        """Put UAVs, by their rows, where their airframes are."""
+        for row, fix in fixes.items():
+            if fix.position is not None:
+                self.fleet.x[row], self.fleet.y[row] = fix.position
+                self.fleet.battery[row] = fix.battery
 
     def move(self, moves: Mapping[int, int]) -> None:
         """Fly one step: the action of each UAV that moves, by its row; all others hover."""

@@ -66,6 +66,9 @@ class Hosts(Protocol):
     def take_moves(self) -> dict[str, int]:
         """The actions of the UAVs that have decided since this was last called, by address."""
 
+    def take_fixes(self) -> dict[str, Fix]:
+        """Where UAVs with an airframe of their own say that they are, since this was last called, by address."""
+
     def choices(self) -> dict[str, Choice]:
         """What Algorithm 1 gave the vehicles in this period, by address."""
 
@@ -215,6 +218,7 @@ class Run:
         self._tick(Phase.BEACON, period)
         self.hosts.spread()
         self._tick(Phase.DECIDE, period)
+        self.flying.flight.correct({self.uav_row[uav]: fix for uav, fix in self.hosts.take_fixes().items()})
         self.flying.flight.move({self.uav_row[uav]: action for uav, action in self.hosts.take_moves().items()})
         self.hovering.flight.move({})
         self.step = step + 1

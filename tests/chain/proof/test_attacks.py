@@ -359,13 +359,14 @@ def test_time_ends_what_gas_does_not(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert any("within the time" in difference.expected for difference in replay(tmp_path / "chain").differences)
 
 
-def test_the_command_pins(tmp_path: Path) -> None:
+def test_a_record_can_be_pinned_by_its_head(tmp_path: Path) -> None:
     write_run(tmp_path, lambda world: world.propose(1.0), uavs=2, vehicles=3)
     head = json.loads((tmp_path / "summary.json").read_text())["chain_head"]
-    run = CliRunner().invoke
-    assert run(app, ["audit", str(tmp_path), "--head", head], standalone_mode=False).return_value == 0
-    assert run(app, ["audit", str(tmp_path), "--head", "0x" + "12" * 32], standalone_mode=False).return_value == 1
-    assert isinstance(run(app, ["audit", str(tmp_path), "--head", "x"], standalone_mode=False).exception, UsageError)
+    assert audit_run(tmp_path, head=head).agrees
+    (difference,) = audit_run(tmp_path, head="0x" + "12" * 32).differences
+    assert (difference.place, difference.found) == ("the record's last block", head)
+    told = CliRunner().invoke(app, ["audit", str(tmp_path), "--head", "x"], standalone_mode=False)
+    assert isinstance(told.exception, UsageError)
 
 
 VALUES = [None, True, 1, -1, 1.5, 1e999, "", "x", "0x" + "12" * 20, [], {}, "0x" + "G" * 40, 2**300]
