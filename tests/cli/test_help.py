@@ -81,3 +81,14 @@ def test_select_says_that_it_draws_and_wants_the_trace_to_exist(skyrelay):
     missing = skyrelay("select", "--scenario", "bologna", "--set", "mobility.trace=nowhere.csv")
     assert missing.status == 2
     assert "nowhere.csv" in missing.err
+
+
+@pytest.mark.parametrize(
+    "option",
+    [("--vehicles", 10**12), ("--uavs", 10**12), ("--vehicles", -1), ("--time-limit", "nan"), ("--time-limit", -1)],
+)
+def test_a_number_that_nobody_meant_is_one_line(skyrelay, option):
+    ended = skyrelay("select", *option)
+    assert ended.status == 2
+    assert option[0] in ended.err
+    assert len(ended.err.splitlines()) == 1

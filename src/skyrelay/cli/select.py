@@ -14,8 +14,8 @@ from skyrelay.selection.methods import METHODS, OBJECTIVES, Selection, evaluate,
 
 def command(
     method: Annotated[str, typer.Option("--method", help=f"One of: {', '.join(METHODS)}.")] = "two-sided",
-    vehicles: Annotated[int, typer.Option("--vehicles", min=0, help="How many vehicles to draw.")] = 200,
-    uavs: Annotated[int, typer.Option("--uavs", min=0, help="How many UAVs to draw.")] = 160,
+    vehicles: Annotated[int, typer.Option("--vehicles", min=0, max=1_000_000, help="How many vehicles to draw.")] = 200,
+    uavs: Annotated[int, typer.Option("--uavs", min=0, max=65_535, help="How many UAVs to draw.")] = 160,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the draw, and of the method 'random'.")] = 1,
     scenario: Annotated[
         str,
@@ -40,7 +40,12 @@ def command(
     time_limit: Annotated[
         float | None,
         typer.Option(
-            "--time-limit", metavar="SECONDS", help="optimal: stop then, and report the gap.", show_default=False
+            "--time-limit",
+            min=0.0,
+            max=1e6,
+            metavar="SECONDS",
+            help="optimal: stop then, and report the gap.",
+            show_default=False,
         ),
     ] = None,
     overrides: Override = None,
