@@ -15,6 +15,7 @@ CALM = (
     "zones.rows=1",
     "fleet.uavs=9",
     "fleet.battery=[50, 100]",
+    "selection.rounds=1",
 )
 
 
