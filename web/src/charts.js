@@ -97,30 +97,33 @@ export class Charts {
         }
         svg("path", { class: "series " + kind, d: path }, chart.svg);
       });
-      chart.cursor = svg("line", { class: "cursor", y1: 3, y2: TOP + 3 + plotHeight }, chart.svg);
+      for (const { dot } of chart.marks ?? []) dot.remove();
+      chart.cursor ??= html("div", { className: "cursor" }, chart.plot);
+      chart.cursor.style.height = TOP + plotHeight + "px";
       chart.values.replaceChildren();
       chart.marks = chart.lines.map(([, kind, text], line) => {
         const value = html("span", {}, chart.values);
         if (chart.lines.length > 1) value.append(text + " ");
         return {
           values: series[line], text: html("b", { className: kind }, value),
-          dot: svg("circle", { class: "dot " + kind, r: 3.2 }, chart.svg),
+          dot: html("div", { className: "dot " + kind }, chart.plot),
         };
       });
     });
   }
 
+  /* Cursor and dots lie over the curves as elements of their own, which move without the curves being painted again. */
   cursor(at, time) {
     for (const chart of this.charts) {
       if (!chart.px) continue;
-      const x = chart.px(time);
-      chart.cursor.setAttribute("x1", x);
-      chart.cursor.setAttribute("x2", x);
-      for (const { values, text, dot } of chart.marks) {
-        const value = values[at];
-        text.textContent = number(value * chart.scale, 1) + " " + chart.unit;
-        dot.setAttribute("cx", chart.px(at));
-        dot.setAttribute("cy", Number.isFinite(value) ? chart.py(value) : -99);
+      chart.cursor.style.transform = `translate(${chart.px(time).toFixed(1)}px, 3px)`;
+      for (const mark of chart.marks) {
+        const value = mark.values[at];
+        if (mark.at === at && mark.value === value) continue;
+        Object.assign(mark, { at, value });
+        mark.text.textContent = number(value * chart.scale, 1) + " " + chart.unit;
+        mark.dot.hidden = !Number.isFinite(value);
+        if (!mark.dot.hidden) mark.dot.style.transform = `translate(${chart.px(at).toFixed(1)}px, ${chart.py(value).toFixed(1)}px)`;
       }
     }
   }

@@ -121,17 +121,19 @@ function drawTexts() {
   $("scrub").max = run.steps;
   $("scrub").value = at;
   $("scrub").setAttribute("aria-valuetext", `${clock(run, at)}, step ${at} of ${run.steps}`);
-  $("clock").replaceChildren(clock(run, at), html("small", { textContent: " / " + clock(run, run.steps) }));
+  const now = clock(run, at), end = " / " + clock(run, run.steps);
+  if ($("clock").textContent !== now + end) $("clock").replaceChildren(now, html("small", { textContent: end }));
   const period = run.periodOf(run.live ? at : Math.min(at, run.steps - 1));
   let selected = 0;
   for (const one of uavs.state) selected += one >= 2;
   const { asked = 0, accepted = 0 } = run.proposals[period] ?? {};
   const selection = `Selection ${period + 1}` + (run.live ? "" : ` of ${Math.ceil(run.steps / run.periodSteps)}`);
-  $("status").textContent =
+  const status =
     (state.mode ? `${selection}, same rules: ${selected} UAVs hover. `
       : run.live ? `${selection}: ${selected} UAVs at work. `
         : `${selection}: ${accepted} of ${asked} proposals accepted, ${selected} UAVs at work. `) +
     `${count(here)} vehicles here, ${count(served)} served, ${count(covered)} in range.`;
+  if ($("status").textContent !== status) $("status").textContent = status; // the same text anew is painted anew
   if (run.live) drawTiles(here, served, covered, selected);
   if (!state.playing && !state.following) $("stage-map").setAttribute("aria-label", "Map. " + $("status").textContent);
   drawCard();
@@ -528,7 +530,6 @@ function startLive() {
 const page = (window.skyrelay = { state, layers, painted: 0, script: 0, seek, pick, setZone, observe: () => observe(run, state.mode, state.time, false), inUnits });
 
 start().catch((error) => {
-  const cause = document.createElement("canvas").getContext("webgl2") ? error.message : "this browser offers no WebGL 2";
-  html("p", { className: "fatal", role: "alert", textContent: "This page could not be shown: " + cause }, document.body);
+  html("p", { className: "fatal", role: "alert", textContent: "This page could not be shown: " + error.message }, document.body);
   throw error;
 });

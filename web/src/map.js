@@ -1,58 +1,88 @@
-/* The map: deck.gl draws what moves; streets, buildings and tracks are painted once a view into a picture beneath it,
-   and texts on a canvas above it. */
+/* The map, on one 2D canvas: streets, buildings and tracks are painted once a view into a picture of their own, vehicles
+   and UAVs are stamped as pixels, and lines, ranges and texts are drawn over and under them. */
 
-import { Deck, OrthographicView } from "@deck.gl/core";
-import { BitmapLayer, IconLayer, LineLayer, ScatterplotLayer } from "@deck.gl/layers";
+import { Stamps } from "./stamps.js";
 
 const MARGIN = 0.35; // how far the picture beneath reaches beyond the view, as a share of it
 const SETTLED = 140; // ms without a move after which it is painted again
 const CROWD = 2500; // vehicles in view above which they are drawn small and plain
+const FILLED = 60; // ranges in view above which they are faint outlines
+const CLICK = 5; // pixels that the pointer may move during a click
 
 export class FleetMap {
   /* onView is called after every pan and zoom, onPoint with what lies under the pointer, onPick at a click. */
   constructor(parent, { onView, onPoint, onPick }) {
     this.parent = parent;
-    this.texts = parent.querySelector("#texts");
-    this.view = { target: [0, 0, 0], zoom: 0 };
+    this.canvas = parent.querySelector("#picture");
+    this.pen = context(this.canvas);
+    this.stamps = new Stamps();
+    this.view = { target: [0, 0], zoom: 0 };
     this.onView = onView;
     this.scene = null;
-    this.frames = 0;
-    this.deck = new Deck({
-      parent,
-      id: "map",
-      views: new OrthographicView({ flipY: false, controller: { keyboard: false, inertia: false, doubleClickZoom: true } }),
-      viewState: this.view,
-      deviceProps: { type: "webgl", webgl: { preserveDrawingBuffer: true, antialias: true } },
-      layers: [],
-      getCursor: ({ isDragging }) => (isDragging ? "grabbing" : "crosshair"),
-      onViewStateChange: ({ viewState }) => {
-        this.view = { target: viewState.target, zoom: this.#bounded(viewState.zoom) };
-        this.onView(true);
-      },
-      onLoad: () => {
-        const canvas = this.deck.getCanvas();
-        canvas.setAttribute("aria-hidden", "true"); // what it shows is told by the element around it, which has the focus
-        canvas.tabIndex = -1;
-      },
-      onAfterRender: () => { this.frames++; },
-      onError: (error) => { throw error; },
-    });
+    this.#listen(onPoint, onPick);
+  }
+
+  /* One pointer drags the map, two pinch it, the wheel and a double click zoom to where they are. */
+  #listen(onPoint, onPick) {
+    const { parent, canvas } = this;
     const point = (event) => {
-      const bounds = parent.getBoundingClientRect();
+      const bounds = canvas.getBoundingClientRect();
       return [event.clientX - bounds.left, event.clientY - bounds.top];
     };
-    let down = null;
-    parent.addEventListener("pointerdown", (event) => { down = point(event); });
-    parent.addEventListener("pointermove", (event) => {
-      if (event.pointerType !== "touch" && !event.buttons) onPoint(this.hit(...point(event)), point(event));
+    const held = new Map();
+    let down = null, dragged = false;
+    canvas.addEventListener("pointerdown", (event) => {
+      if (event.button) return;
+      canvas.setPointerCapture(event.pointerId);
+      if (!held.size) [down, dragged] = [point(event), false];
+      else dragged = true; // a pinch is no click
+      held.set(event.pointerId, point(event));
     });
+    canvas.addEventListener("pointermove", (event) => {
+      const now = point(event), last = held.get(event.pointerId);
+      if (!last) {
+        if (event.pointerType !== "touch" && !event.buttons) onPoint(this.hit(...now), now);
+        return;
+      }
+      dragged ||= Math.hypot(now[0] - down[0], now[1] - down[1]) > CLICK;
+      if (!dragged) return;
+      canvas.classList.add("dragged");
+      const before = middle(held);
+      held.set(event.pointerId, now);
+      const after = middle(held);
+      this.#turn(before, after, before.spread ? Math.log2(after.spread / before.spread) : 0);
+    });
+    const up = (event) => {
+      held.delete(event.pointerId);
+      canvas.classList.toggle("dragged", dragged && held.size > 0);
+    };
+    canvas.addEventListener("pointerup", up);
+    canvas.addEventListener("pointercancel", up);
     parent.addEventListener("pointerleave", () => onPoint(null));
-    parent.addEventListener("click", (event) => {
-      if (event.target.closest("button")) return;
+    canvas.addEventListener("click", (event) => {
+      if (dragged) return; // the end of a pan
       const [x, y] = point(event);
-      if (down && Math.hypot(x - down[0], y - down[1]) > 5) return; // the end of a pan
       onPick(this.hit(x, y), this.unproject(x, y));
     });
+    canvas.addEventListener("dblclick", (event) => {
+      const [x, y] = point(event);
+      this.#turn({ x, y }, { x, y }, event.shiftKey ? -1 : 1);
+    });
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      const [x, y] = point(event);
+      const pixels = event.deltaY * [1, 16, 400][event.deltaMode];
+      this.#turn({ x, y }, { x, y }, Math.max(-1, Math.min(1, -pixels / 300)));
+    }, { passive: false });
+  }
+
+  /* Brings what lies at `from` to `to` [pixels], `step` zoom levels closer. */
+  #turn(from, to, step) {
+    const [x, y] = this.unproject(from.x, from.y);
+    const [width, height] = this.size;
+    const zoom = this.#bounded(this.view.zoom + step), scale = 2 ** zoom;
+    this.view = { target: [x - (to.x - width / 2) / scale, y + (to.y - height / 2) / scale], zoom };
+    this.onView(true);
   }
 
   #bounded(zoom) {
@@ -97,7 +127,7 @@ export class FleetMap {
   }
 
   look(x, y, zoom = this.view.zoom) {
-    this.view = { target: [x, y, 0], zoom: this.#bounded(zoom) };
+    this.view = { target: [x, y], zoom: this.#bounded(zoom) };
     this.onView(false);
   }
 
@@ -131,37 +161,52 @@ export class FleetMap {
   draw(scene, { layers, marked, theme, zoneTexts }) {
     this.scene = scene;
     this.theme = theme;
-    const { run, scale } = this;
+    const { run, scale, pen } = this;
     const { uavs } = scene;
     const [width, height] = this.size;
+    if (!width || !height) return;
+    this.#clear(width, height);
     const [left, top] = this.unproject(-30, -30), [right, bottom] = this.unproject(width + 30, height + 30);
     const seen = (x, y) => x >= left && x <= right && y >= bottom && y <= top;
 
     const crowd = this.#vehiclesIn(scene, seen);
     const plain = crowd.length > CROWD;
-    const radius = plain
-      ? Math.max(1.4, Math.min(3, 90 / Math.sqrt(crowd.length)))
-      : Math.max(2.6, Math.min(6, 60 / Math.sqrt(Math.max(1, crowd.length))));
+    // To a quarter of a pixel, so that few stamps serve all views.
+    const radius = quarters(plain
+      ? Math.max(1.5, Math.min(3, 90 / Math.sqrt(crowd.length)))
+      : Math.max(2.5, Math.min(6, 60 / Math.sqrt(Math.max(1, crowd.length)))));
     const reach = run.range * scale;
     const flying = [];
     for (let u = 0; u < uavs.count; u++) if (uavs.state[u] & 1) flying.push(u);
-    const team = flying.filter((u) => uavs.state[u] >= 2);
-    const near = team.filter((u) =>
+    const near = flying.filter((u) => uavs.state[u] >= 2 &&
       uavs.x[u] + run.range >= left && uavs.x[u] - run.range <= right &&
       uavs.y[u] + run.range >= bottom && uavs.y[u] - run.range <= top);
     const drones = flying.filter((u) => seen(uavs.x[u], uavs.y[u]));
-    const size = Math.max(reach > 200 ? 8 : 0, Math.max(3, Math.min(7, 60 / Math.sqrt(Math.max(1, drones.length)))));
+    const size = quarters(Math.max(reach > 200 ? 8 : 0, Math.max(3, Math.min(7, 60 / Math.sqrt(Math.max(1, drones.length))))));
 
-    const list = [this.#ground()];
-    if (layers.discs && reach > 6) list.push(this.#discs(near));
-    if (layers.serving && reach > 10) list.push(this.#serving(scene, crowd));
-    if (layers.links) list.push(...this.#links(scene));
-    list.push(this.#pickedLines(scene, marked));
-    list.push(...this.#vehicles(scene, crowd, radius, plain));
-    list.push(...this.#drones(drones, size));
-    list.push(this.#rings(marked));
-    this.deck.setProps({ viewState: this.view, layers: list });
+    this.#ground();
+    pen.lineCap = "butt";
+    if (layers.discs && reach > 6) this.#discs(near, reach);
+    if (layers.serving && reach > 10) this.#serving(scene, crowd);
+    if (layers.links) this.#links(scene);
+    this.#pickedLines(scene, marked);
+    this.stamps.clear(this.canvas.width, this.canvas.height, this.ratio);
+    this.#vehicles(scene, crowd, radius, plain);
+    this.#drones(drones, size);
+    pen.drawImage(this.stamps.picture(), 0, 0, width, height);
+    this.#rings(marked);
     this.#write(drones, size, layers.labels, zoneTexts);
+  }
+
+  #clear(width, height) {
+    const { canvas, pen } = this;
+    this.ratio = devicePixelRatio || 1;
+    const [across, down] = [Math.round(width * this.ratio), Math.round(height * this.ratio)];
+    if (canvas.width !== across || canvas.height !== down) Object.assign(canvas, { width: across, height: down });
+    pen.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+    pen.globalAlpha = 1;
+    pen.fillStyle = css(this.theme.map);
+    pen.fillRect(0, 0, width, height);
   }
 
   #vehiclesIn({ count, vehicles }, seen) {
@@ -171,175 +216,171 @@ export class FleetMap {
     return rows.subarray(0, length);
   }
 
-  #discs(team) {
+  #discs(team, reach) {
+    const { pen, theme, run } = this;
     const { x, y } = this.scene.uavs;
-    const { theme } = this;
-    return new ScatterplotLayer({
-      id: "discs",
-      data: table(team.length, {
-        getPosition: positions(team, x, y),
-        getFillColor: colours(team.length, () => theme.disc, team.length > 60 ? 14 : 24),
-        getLineColor: colours(team.length, (k) => theme.colours[this.run.colours[team[k]]], 150),
-      }),
-      getRadius: this.run.range, stroked: true, filled: true, lineWidthUnits: "pixels", getLineWidth: 1.2,
-    });
+    const circles = (rows) => {
+      pen.beginPath();
+      for (const u of rows) {
+        const [px, py] = this.project(x[u], y[u]);
+        pen.moveTo(px + reach, py);
+        pen.arc(px, py, reach, 0, 7);
+      }
+    };
+    if (team.length <= FILLED) {
+      circles(team);
+      pen.globalAlpha = 0.09;
+      pen.fillStyle = css(theme.disc);
+      pen.fill();
+    }
+    pen.globalAlpha = team.length <= FILLED ? 0.6 : 0.35;
+    pen.lineWidth = this.#hair(1.2);
+    for (const [colour, rows] of grouped(team, (u) => run.colours[u])) {
+      circles(rows);
+      pen.strokeStyle = css(theme.colours[colour]);
+      pen.stroke();
+    }
+    pen.globalAlpha = 1;
+  }
+
+  /* Lines of one device pixel take a tenth of the time of wider ones where no GPU draws them. */
+  #hair(wide) {
+    return this.scene.count > CROWD || this.ratio === 1 ? 1 / this.ratio : wide;
   }
 
   #serving({ vehicles, uavs }, crowd) {
-    const { theme, run } = this;
+    const { pen, theme, run } = this;
     const rows = crowd.filter((k) => vehicles.uav[k] >= 0 && uavs.state[vehicles.uav[k]] & 1);
-    const from = new Float32Array(2 * rows.length), to = new Float32Array(2 * rows.length);
-    rows.forEach((k, i) => {
-      const u = vehicles.uav[k];
-      from[2 * i] = uavs.x[u];
-      from[2 * i + 1] = uavs.y[u];
-      to[2 * i] = vehicles.x[k];
-      to[2 * i + 1] = vehicles.y[k];
-    });
-    return new LineLayer({
-      id: "serving",
-      data: table(rows.length, {
-        getSourcePosition: { value: from, size: 2 },
-        getTargetPosition: { value: to, size: 2 },
-        getColor: colours(rows.length, (i) => vehicles.covered[rows[i]] ? theme.colours[run.colours[vehicles.uav[rows[i]]]] : theme.warn, 150),
-      }),
-      getWidth: 1.1,
-    });
+    pen.globalAlpha = 0.6;
+    pen.lineWidth = this.#hair(1.1);
+    for (const [colour, some] of grouped(rows, (k) => vehicles.covered[k] ? run.colours[vehicles.uav[k]] : -1)) {
+      pen.strokeStyle = css(colour < 0 ? theme.warn : theme.colours[colour]);
+      this.#lines(some, (k) => [uavs.x[vehicles.uav[k]], uavs.y[vehicles.uav[k]], vehicles.x[k], vehicles.y[k]]);
+    }
+    pen.globalAlpha = 1;
+  }
+
+  /* Strokes a line for each of some rows: ends [m] of a row are [x, y, x, y]. */
+  #lines(rows, ends) {
+    const { pen, scale } = this;
+    const [left, top] = this.unproject(0, 0);
+    pen.beginPath();
+    for (const row of rows) {
+      const [x0, y0, x1, y1] = ends(row);
+      pen.moveTo((x0 - left) * scale, (top - y0) * scale);
+      pen.lineTo((x1 - left) * scale, (top - y1) * scale);
+    }
+    pen.stroke();
   }
 
   #links({ links, uavs }) {
-    const from = new Float32Array(links.length), to = new Float32Array(links.length);
-    for (let i = 0; i < links.length; i += 2) {
-      from[i] = uavs.x[links[i]];
-      from[i + 1] = uavs.y[links[i]];
-      to[i] = uavs.x[links[i + 1]];
-      to[i + 1] = uavs.y[links[i + 1]];
+    const { pen } = this;
+    const pairs = Array.from({ length: links.length / 2 }, (_, i) => i);
+    for (const [width, colour, alpha] of [[5, this.theme.map, 0.78], [2.2, this.theme.ink, 0.75]]) {
+      Object.assign(pen, { lineWidth: width, strokeStyle: css(colour), globalAlpha: alpha });
+      this.#lines(pairs, (i) => [uavs.x[links[2 * i]], uavs.y[links[2 * i]], uavs.x[links[2 * i + 1]], uavs.y[links[2 * i + 1]]]);
     }
-    return [["halo", 5, this.theme.map, 200], ["link", 2.2, this.theme.ink, 190]].map(([id, getWidth, colour, alpha]) =>
-      new LineLayer({
-        id: "links-" + id,
-        data: table(links.length / 2, { getSourcePosition: { value: from, size: 2 }, getTargetPosition: { value: to, size: 2 } }),
-        getWidth, getColor: [...colour, alpha], updateTriggers: { getColor: [colour] },
-      }));
+    pen.globalAlpha = 1;
   }
 
   #vehicles({ vehicles }, crowd, radius, plain) {
-    const { theme, run } = this;
-    const colour = (i) => {
-      const uav = vehicles.uav[crowd[i]];
-      return uav < 0 ? theme.grey : theme.colours[run.colours[uav]];
-    };
-    const dots = new ScatterplotLayer({
-      id: "vehicles",
-      data: table(crowd.length, {
-        getPosition: positions(crowd, vehicles.x, vehicles.y),
-        getFillColor: colours(crowd.length, colour, 255),
-        getRadius: { value: Float32Array.from(crowd, (k) => vehicles.uav[k] < 0 ? radius * 0.75 : radius), size: 1 },
-      }),
-      radiusUnits: "pixels", lineWidthUnits: "pixels", stroked: !plain, getLineWidth: 1, getLineColor: [...theme.map, 255],
-      updateTriggers: { getLineColor: [theme.map] },
+    const { theme, run, stamps, scale, ratio } = this;
+    const [left, top] = this.unproject(0, 0);
+    const unserved = stamps.of(`unserved ${radius} ${plain} ${theme.name}`, radius + 1, (pen) => dot(pen, radius * 0.75, theme.grey, !plain && theme.map));
+    const served = theme.colours.map((colour, i) =>
+      stamps.of(`vehicle ${i} ${radius} ${plain} ${theme.name}`, radius + 1, (pen) => dot(pen, radius, colour, !plain && theme.map)));
+    const halo = stamps.of(`halo ${radius} ${plain} ${theme.name}`, radius + 5, (pen) => {
+      pen.arc(0, 0, radius + (plain ? 1.5 : 3), 0, 7);
+      Object.assign(pen, { lineWidth: plain ? 1 : 1.8, strokeStyle: css(theme.warn) });
+      pen.stroke();
     });
-    const out = crowd.filter((k) => vehicles.uav[k] >= 0 && !vehicles.covered[k]);
-    const halos = new ScatterplotLayer({
-      id: "out-of-range",
-      data: table(out.length, { getPosition: positions(out, vehicles.x, vehicles.y) }),
-      radiusUnits: "pixels", lineWidthUnits: "pixels", getRadius: radius + (plain ? 1.5 : 3), filled: false, stroked: true,
-      getLineWidth: plain ? 1 : 1.8, getLineColor: [...theme.warn, 255], updateTriggers: { getLineColor: [theme.warn], getRadius: [radius, plain] },
-    });
-    return [dots, halos];
+    const put = (stamp, k) => stamps.put(stamp, (vehicles.x[k] - left) * scale * ratio, (top - vehicles.y[k]) * scale * ratio);
+    for (const k of crowd) put(vehicles.uav[k] < 0 ? unserved : served[run.colours[vehicles.uav[k]]], k);
+    for (const k of crowd) if (vehicles.uav[k] >= 0 && !vehicles.covered[k]) put(halo, k);
   }
 
+  /* Four arms with their rotors, and a body in the UAV's colour where it is at work. */
   #drones(drones, size) {
-    const { theme, run, scene } = this;
-    const { uavs } = scene;
-    const where = positions(drones, uavs.x, uavs.y);
-    const busy = (i) => uavs.state[drones[i]] >= 2;
-    const radii = Float32Array.from(drones, (u) => (uavs.state[u] >= 2 ? size : size * 0.7));
-    return [
-      new IconLayer({
-        id: "arms",
-        data: table(drones.length, {
-          getPosition: where,
-          getColor: colours(drones.length, (i) => busy(i) ? theme.ink : theme.grey, 255),
-          getSize: { value: radii.map((radius) => 3.4 * radius), size: 1 },
-        }),
-        iconAtlas: armsIcon(), iconMapping: { arms: { x: 0, y: 0, width: 64, height: 64, mask: true } }, getIcon: () => "arms",
-      }),
-      new ScatterplotLayer({
-        id: "bodies",
-        data: table(drones.length, {
-          getPosition: where,
-          getFillColor: colours(drones.length, (i) => busy(i) ? theme.colours[run.colours[drones[i]]] : theme.map, 255),
-          getLineColor: colours(drones.length, (i) => busy(i) ? theme.ink : theme.grey, 255),
-          getRadius: { value: radii.map((radius) => 0.75 * radius), size: 1 },
-        }),
-        radiusUnits: "pixels", lineWidthUnits: "pixels", stroked: true, getLineWidth: 1.2,
-      }),
-    ];
+    const { theme, run, stamps, ratio } = this;
+    const { uavs } = this.scene;
+    const kind = (colour) => {
+      const radius = colour < 0 ? size * 0.7 : size, unit = (3.4 * radius) / 64;
+      const [line, body] = colour < 0 ? [theme.grey, theme.map] : [theme.ink, theme.colours[colour]];
+      return stamps.of(`uav ${colour} ${size} ${theme.name}`, 2 * radius, (pen) => {
+        Object.assign(pen, { lineWidth: 4 * unit, strokeStyle: css(line) });
+        for (const [dx, dy] of [[-1, -1], [1, -1], [1, 1], [-1, 1]]) {
+          pen.moveTo(0, 0);
+          pen.lineTo(19 * unit * dx, 19 * unit * dy);
+          pen.moveTo(20 * unit * dx + 8 * unit, 20 * unit * dy);
+          pen.arc(20 * unit * dx, 20 * unit * dy, 8 * unit, 0, 7);
+        }
+        pen.stroke();
+        dot(pen, 0.75 * radius, body, line, 1.2);
+      });
+    };
+    for (const u of drones) {
+      const [x, y] = this.project(uavs.x[u], uavs.y[u]);
+      stamps.put(kind(uavs.state[u] >= 2 ? run.colours[u] : -1), x * ratio, y * ratio);
+    }
   }
 
   #pickedLines({ count, vehicles, uavs }, marked) {
-    const from = [], to = [];
+    const rows = [];
     for (const { kind, index } of marked) {
       for (let k = 0; k < count; k++) {
         const u = vehicles.uav[k];
-        if (u < 0 || !(uavs.state[u] & 1) || index !== (kind === "uav" ? u : vehicles.vehicle[k])) continue;
-        from.push(uavs.x[u], uavs.y[u]);
-        to.push(vehicles.x[k], vehicles.y[k]);
+        if (u >= 0 && uavs.state[u] & 1 && index === (kind === "uav" ? u : vehicles.vehicle[k])) rows.push(k);
       }
     }
-    return new LineLayer({
-      id: "picked-lines",
-      data: table(from.length / 2, {
-        getSourcePosition: { value: Float32Array.from(from), size: 2 }, getTargetPosition: { value: Float32Array.from(to), size: 2 },
-      }),
-      getWidth: 2, getColor: [...this.theme.ink, 255], updateTriggers: { getColor: [this.theme.ink] },
-    });
+    Object.assign(this.pen, { lineWidth: 2, strokeStyle: css(this.theme.ink) });
+    this.#lines(rows, (k) => [uavs.x[vehicles.uav[k]], uavs.y[vehicles.uav[k]], vehicles.x[k], vehicles.y[k]]);
   }
 
   #rings(marked) {
-    const at = marked.filter(({ at: point }) => point);
-    return new ScatterplotLayer({
-      id: "rings",
-      data: table(at.length, {
-        getPosition: { value: Float32Array.from(at.flatMap(({ at: point }) => point)), size: 2 },
-        getRadius: { value: Float32Array.from(at, ({ kind }) => (kind === "uav" ? 16 : 10)), size: 1 },
-      }),
-      radiusUnits: "pixels", lineWidthUnits: "pixels", filled: false, stroked: true, getLineWidth: 2.4,
-      getLineColor: [...this.theme.ink, 255], updateTriggers: { getLineColor: [this.theme.ink] },
-    });
+    const { pen } = this;
+    Object.assign(pen, { lineWidth: 2.4, strokeStyle: css(this.theme.ink) });
+    for (const { kind, at } of marked) {
+      if (!at) continue;
+      pen.beginPath();
+      pen.arc(...this.project(...at), kind === "uav" ? 16 : 10, 0, 7);
+      pen.stroke();
+    }
   }
 
   /* ---- the picture beneath ---- */
 
   #ground() {
+    const { run, theme, view, pen } = this;
     const [width, height] = this.size;
-    const [left, bottom] = this.unproject(-width * MARGIN, height * (1 + MARGIN));
-    const [right, top] = this.unproject(width * (1 + MARGIN), -height * MARGIN);
-    const wanted = [left, bottom, right, top, this.theme.name, this.run.tracksLast ?? 0, this.run.session].join();
-    const ground = this.ground;
-    if (!ground || ground.theme !== this.theme.name || ground.run !== this.run) this.#paintGround(wanted, [left, bottom, right, top]);
-    else if (ground.key !== wanted) {
+    const wanted = [...view.target, view.zoom, width, height, theme.name, run.tracksLast ?? 0, run.session].join();
+    if (this.ground?.theme !== theme.name || this.ground.run !== run) this.#paintGround(wanted);
+    else if (this.ground.key !== wanted) {
       clearTimeout(this.settling);
       this.settling = setTimeout(() => {
-        this.#paintGround(wanted, [left, bottom, right, top]);
+        this.#paintGround(wanted);
         this.onView(false);
       }, SETTLED);
     }
-    return new BitmapLayer({ id: "ground", image: this.ground.canvas, bounds: this.ground.bounds });
+    const { canvas, corner, zoom, ratio } = this.ground;
+    const larger = 2 ** (view.zoom - zoom) / ratio;
+    let [x, y] = this.project(...corner);
+    // At its own zoom it lies on whole pixels, and is copied instead of interpolated.
+    if (zoom === view.zoom) [x, y] = [Math.round(x * ratio) / ratio, Math.round(y * ratio) / ratio];
+    pen.drawImage(canvas, x, y, canvas.width * larger, canvas.height * larger);
   }
 
-  #paintGround(key, bounds) {
+  #paintGround(key) {
     clearTimeout(this.settling);
-    const [left, bottom, right, top] = bounds;
     const [width, height] = this.size;
-    const ratio = Math.min(devicePixelRatio || 1, 2, 4096 / (width * (1 + 2 * MARGIN)), 4096 / (height * (1 + 2 * MARGIN)));
-    const canvas = document.createElement("canvas"); // a new one: deck.gl knows by it that the picture changed
-    canvas.width = Math.max(1, Math.round(width * (1 + 2 * MARGIN) * ratio));
-    canvas.height = Math.max(1, Math.round(height * (1 + 2 * MARGIN) * ratio));
-    const scale = canvas.width / (right - left);
+    const [across, down] = [Math.ceil(width * MARGIN), Math.ceil(height * MARGIN)];
+    const [left, top] = this.unproject(-across, -down);
+    const ratio = Math.min(devicePixelRatio || 1, 2, 4096 / (width + 2 * across), 4096 / (height + 2 * down));
+    const canvas = this.ground?.canvas ?? document.createElement("canvas");
+    canvas.width = Math.max(1, Math.round((width + 2 * across) * ratio));
+    canvas.height = Math.max(1, Math.round((height + 2 * down) * ratio));
+    const scale = this.scale * ratio;
     const px = (x) => (x - left) * scale, py = (y) => (top - y) * scale;
-    const pen = canvas.getContext("2d");
+    const pen = context(canvas);
     const { run, theme } = this;
     pen.fillStyle = css(theme.map);
     pen.fillRect(0, 0, canvas.width, canvas.height);
@@ -363,7 +404,7 @@ export class FleetMap {
     } else if (!run.live) this.#tracks(pen, px, py, scale, ratio);
     pen.globalAlpha = 1;
     this.#zones(pen, px, py, ratio, scale);
-    this.ground = { key, canvas, bounds, run, theme: theme.name };
+    this.ground = { key, canvas, corner: [left, top], zoom: this.view.zoom, ratio, run, theme: theme.name };
   }
 
   /* Where no streets were named, the tracks of the vehicles: the streets appear where they drive. */
@@ -417,16 +458,8 @@ export class FleetMap {
   /* ---- the texts above ---- */
 
   #write(drones, size, names, zoneTexts) {
+    const { pen } = this;
     const [width, height] = this.size;
-    const ratio = devicePixelRatio || 1;
-    const canvas = this.texts;
-    if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
-      canvas.width = Math.round(width * ratio);
-      canvas.height = Math.round(height * ratio);
-    }
-    const pen = canvas.getContext("2d");
-    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-    pen.clearRect(0, 0, width, height);
     const { run, theme, scene } = this;
     const { side, columns, rows } = run.grid;
     const pixels = side * this.scale;
@@ -498,46 +531,32 @@ function label(pen, text, x, y, colour, theme, weight = 600) {
 }
 
 const css = ([red, green, blue]) => `rgb(${red} ${green} ${blue})`;
-const table = (length, attributes) => ({ length, attributes });
+/* Drawn by the processor: a browser that has its GPU imitated in software takes twenty times as long on "the GPU". */
+const context = (canvas) => canvas.getContext("2d", { alpha: false, willReadFrequently: true });
 
-function positions(rows, x, y) {
-  const value = new Float32Array(2 * rows.length);
-  for (let i = 0; i < rows.length; i++) {
-    value[2 * i] = x[rows[i]];
-    value[2 * i + 1] = y[rows[i]];
-  }
-  return { value, size: 2 };
+const quarters = (value) => Math.round(4 * value) / 4;
+
+function dot(pen, radius, fill, line, width = 1) {
+  pen.beginPath();
+  pen.arc(0, 0, radius, 0, 7);
+  pen.fillStyle = css(fill);
+  pen.fill();
+  if (!line) return;
+  Object.assign(pen, { lineWidth: width, strokeStyle: css(line) });
+  pen.stroke();
 }
 
-function colours(count, colour, alpha) {
-  const value = new Uint8Array(4 * count);
-  for (let i = 0; i < count; i++) {
-    const [red, green, blue] = colour(i);
-    value[4 * i] = red;
-    value[4 * i + 1] = green;
-    value[4 * i + 2] = blue;
-    value[4 * i + 3] = alpha;
+function grouped(rows, keyOf) {
+  const groups = new Map();
+  for (const row of rows) {
+    const key = keyOf(row), group = groups.get(key);
+    if (group) group.push(row); else groups.set(key, [row]);
   }
-  return { value, size: 4, type: "unorm8", normalized: true };
+  return groups;
 }
 
-/* Four arms with their rotors, white: deck.gl colours it. */
-let arms = null;
-function armsIcon() {
-  if (arms) return arms;
-  arms = document.createElement("canvas");
-  arms.width = arms.height = 64;
-  const pen = arms.getContext("2d");
-  pen.strokeStyle = "#fff";
-  pen.lineWidth = 4;
-  for (const [dx, dy] of [[-1, -1], [1, -1], [1, 1], [-1, 1]]) {
-    pen.beginPath();
-    pen.moveTo(32, 32);
-    pen.lineTo(32 + 19 * dx, 32 + 19 * dy);
-    pen.stroke();
-    pen.beginPath();
-    pen.arc(32 + 20 * dx, 32 + 20 * dy, 8, 0, 7);
-    pen.stroke();
-  }
-  return arms;
+/* Of one pointer its place, of two the middle of them and how far they are apart. */
+function middle(held) {
+  const [a, b = a] = held.values();
+  return { x: (a[0] + b[0]) / 2, y: (a[1] + b[1]) / 2, spread: Math.hypot(a[0] - b[0], a[1] - b[1]) };
 }

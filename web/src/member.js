@@ -38,11 +38,7 @@ export class Member {
       this.#read(picked, mode);
       this.#drawHistory(picked);
     }
-    for (const { cursor } of this.charts) {
-      const x = this.px(scene.time);
-      cursor.setAttribute("x1", x);
-      cursor.setAttribute("x2", x);
-    }
+    for (const { cursor } of this.charts) cursor.style.transform = `translate(${(100 * this.px(scene.time)) / WIDTH}%)`;
     $("member-maps").hidden = picked.kind !== "uav";
     if (picked.kind === "uav") this.#drawMaps(scene, picked.index, theme);
   }
@@ -84,7 +80,8 @@ export class Member {
     box.replaceChildren();
     this.charts = rows.map(([title, unit, limit], row) => {
       html("h3", { textContent: title + (unit ? ` [${unit}]` : "") }, box);
-      const chart = svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": title + " over time" }, box);
+      const plot = html("div", { className: "history" }, box);
+      const chart = svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": title + " over time" }, plot);
       const values = history.values[row];
       let high = limit ?? 0;
       for (const value of values) if (value > high) high = value;
@@ -102,7 +99,7 @@ export class Member {
         pen = "L";
       });
       svg("path", { class: "series learned", d: path }, chart);
-      return { cursor: svg("line", { class: "cursor", y1: 3, y2: HEIGHT - 4 }, chart) };
+      return { cursor: html("div", { className: "cursor" }, plot) };
     });
     $("member-selections").replaceChildren(...this.#selections(kind, index));
   }
