@@ -36,7 +36,9 @@ class TableWriter:
         for field in schema:
             value = columns.pop(field.name)
             if isinstance(value, np.ndarray | Sequence) and not isinstance(value, str):
-                arrays.append(pa.array(value, field.type, from_pandas=False))
+                # A copy: without one Arrow keeps the array that the world goes on to change.
+                held = value.copy() if isinstance(value, np.ndarray) else value
+                arrays.append(pa.array(held, field.type, from_pandas=False))
             else:
                 arrays.append(pa.repeat(pa.scalar(value, field.type), count))
         if columns:
