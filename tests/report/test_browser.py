@@ -266,6 +266,26 @@ def test_zooms_to_the_pointer_and_pans(opened: webdriver.Chrome) -> None:
     wait(opened, lambda d: d.execute_script("return skyrelay.map.scale") == pytest.approx(scale))
 
 
+def test_two_fingers_and_a_double_click_zoom(opened: webdriver.Chrome) -> None:
+    left, top, width, height, scale = opened.execute_script(
+        "const box = document.getElementById('picture').getBoundingClientRect();"
+        "return [box.left, box.top, box.width, box.height, skyrelay.map.scale];"
+    )
+    x, y = left + width / 2, top + height / 2
+    for kind, apart in (("touchStart", 40), ("touchMove", 60), ("touchMove", 80)):
+        points = [{"x": x - apart, "y": y, "id": 0}, {"x": x + apart, "y": y, "id": 1}]
+        opened.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    opened.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    wait(opened, lambda d: d.execute_script("return skyrelay.map.scale") == pytest.approx(2 * scale))
+    assert opened.find_element(By.ID, "zone").get_property("value") == "0"  # a pinch is no click
+    opened.find_element(By.ID, "zoom-fit").click()
+    wait(opened, lambda d: d.execute_script("return skyrelay.map.scale") == pytest.approx(scale))
+    Select(opened.find_element(By.ID, "zone")).select_by_value("4")  # a click within a zone goes nowhere else
+    scale = opened.execute_script("return skyrelay.map.scale")
+    move_to(opened, 3, 3).double_click().perform()
+    wait(opened, lambda d: d.execute_script("return skyrelay.map.scale") == pytest.approx(2 * scale))
+
+
 def test_the_map_is_moved_and_members_are_reached_by_keys(opened: webdriver.Chrome) -> None:
     press(opened, "n")
     wait(opened, lambda d: d.find_element(By.ID, "member").is_displayed())

@@ -243,7 +243,7 @@ export class FleetMap {
     pen.globalAlpha = 1;
   }
 
-  /* Lines of one device pixel take a tenth of the time of wider ones where no GPU draws them. */
+  /* Lines of one device pixel need no outline to be filled. */
   #hair(wide) {
     return this.scene.count > CROWD || this.ratio === 1 ? 1 / this.ratio : wide;
   }
