@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 PYTEST := $(BIN)/python -m pytest
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check test-browser test-evm test-gpsd test-contracts test-nodes test-hosts test-sumo test-peers test-all nodes peers bench clean
+.PHONY: help setup run test test-failed check test-browser test-evm test-gpsd test-contracts test-nodes test-hosts test-sumo test-peers test-all nodes peers bench clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -25,6 +25,9 @@ run: $(READY) ## play the whole system on the Bologna trace; ends in out/bologna
 
 test: $(READY) ## all tests that need Python alone
 	$(PYTEST) -n 2 --dist loadgroup -m "not browser and not contracts and not gpsd and not nodes and not evm and not hosts"
+
+test-failed: $(READY) ## what failed in the last `make test`, one after the other
+	$(PYTEST) --last-failed --last-failed-no-failures none
 
 check: $(READY) ## lint, format, types, layers
 	$(BIN)/ruff check .
