@@ -49,6 +49,7 @@ def test_a_message_comes_to_those_whose_expression_matches(bus):
     zone_one = hub.subscribe(uav_key(CONTRACT, 1))
     own = hub.subscribe(vehicle_key(CONTRACT, UAV))
     linked(sender, uav_key(CONTRACT, 1, UAV), zone_one)
+    linked(sender, vehicle_key(CONTRACT, UAV, VEHICLE), own)
     sender.publish(uav_key(CONTRACT, 2, UAV), b"another zone")
     sender.publish(vehicle_key(CONTRACT, OTHER, VEHICLE), b"another uav")
     sender.publish(vehicle_key(CONTRACT, UAV, VEHICLE), b"to you")

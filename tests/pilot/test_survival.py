@@ -24,9 +24,9 @@ WAIT = 120.0
 class Up:
     """A running `skyrelay up`, whose processes can be found and killed."""
 
-    def __init__(self, folder, *overrides):
+    def __init__(self, folder, *overrides, options=()):
         self.folder, self.lines = folder, []
-        self.process = skyrelay("up", "--out", folder, *sets(*overrides), stderr=subprocess.PIPE)
+        self.process = skyrelay("up", "--out", folder, *options, *sets(*overrides), stderr=subprocess.PIPE)
         self._reader = threading.Thread(target=lambda: self.lines.extend(self.process.stderr))
         self._reader.start()
 
@@ -94,7 +94,8 @@ def bad(tmp_path, text, old, new):
 
 def test_what_is_wrong_with_a_host_is_one_clear_line(tmp_path):
     """Each fault in turn, against a chain that runs; the last words are the only ones, and the status is 2."""
-    up = Up(tmp_path / "up", "coordination.steps=290")
+    # At six times the clock's pace, so that the run is still there when the last fault is told.
+    up = Up(tmp_path / "up", "coordination.steps=290", options=("--speed", "6"))
     up.wait_for_block(12)
     hosts = tmp_path / "up-hosts"
     text = (hosts / "uavs.toml").read_text().replace('"uavs.keystore"', f'"{hosts}/uavs.keystore"')

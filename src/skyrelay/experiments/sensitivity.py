@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from skyrelay.core.files import atomic_path
+from skyrelay.core.scenario import LEAST_DEMAND
 from skyrelay.core.statistics import Interval, interval
 from skyrelay.experiments.figures import FigureSpec, Rendered, Scale
 from skyrelay.experiments.plotting import line, panels, save
@@ -176,7 +177,7 @@ DISTANCE = Sweep(
 
 
 def _demand(low: float, high: float) -> list[str]:
-    return [f"demand.bandwidth=[{low}, {high}]", f"selection.max_demand={high}"]
+    return [f"demand.bandwidth=[{max(low, LEAST_DEMAND)}, {high}]", f"selection.max_demand={high}"]
 
 
 DEMAND = Sweep(
