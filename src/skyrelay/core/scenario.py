@@ -26,7 +26,7 @@ Text = Annotated[str, Field(min_length=1, max_length=4096)]
 # of metres, and no more UAVs in a zone than a uint16 counts; a run's tables hold bandwidths in an int32 of kbit/s.
 UINT16, UINT32 = 2**16 - 1, 2**32 - 1
 FARTHEST = 1_000_000.0
-"""Largest length on the ground [m]: up to there a run's tables (float32) hold the contract's 0.1 m."""
+"""Largest length on the ground [m]."""
 MBPS = (2**31 - 1) / 1000
 LEAST_DEMAND = 0.002
 """Asked for [Mbit/s]: the score of 1 kbit/s at the highest QoV is above the tables' int64."""
