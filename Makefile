@@ -2,7 +2,10 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+CORE := $(VENV)/.core
 READY := $(VENV)/.ready
+# pip says what it fetches; what is there already goes without saying.
+INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --progress-bar off
 PYTEST := $(BIN)/python -m pytest
 
 .DEFAULT_GOAL := help
@@ -11,17 +14,23 @@ PYTEST := $(BIN)/python -m pytest
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-setup: $(READY) ## make the environment in .venv (Python 3.11 or later)
+setup: $(READY) ## make the environment in .venv with all that work on SkyRelay needs (Python 3.11 or later)
 
-$(READY): pyproject.toml constraints.txt
+# The core alone, which `make run` needs; the tests' packages come on top of it in the same environment.
+$(CORE): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(0 if v >= (3, 11) else f"SkyRelay needs Python 3.11 or later, this is {v.major}.{v.minor}: set PYTHON=python3.11")'
-	@echo "Making $(VENV) and installing SkyRelay (a minute or two the first time)"
-	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev]"
+	@echo "Making $(VENV) with SkyRelay's core (0.7 GB; under a minute where the network is quick)"
+	$(PYTHON) -m venv $(VENV)
+	$(INSTALL) --constraint constraints.txt --editable .
 	@touch $@
 
-run: $(READY) ## play the whole system on the Bologna trace; ends in out/bologna/report.html
-	@$(BIN)/skyrelay run bologna --out out/bologna --force
+$(READY): $(CORE)
+	@echo "Installing what training, the tests and the linters need into $(VENV) (0.9 GB more)"
+	$(INSTALL) --constraint constraints.txt --editable ".[dev]"
+	@touch $@
+
+run: $(CORE) ## play the whole system on the Bologna trace; ends in out/bologna/report.html
+	$(BIN)/skyrelay run bologna --out out/bologna --force
 
 test: $(READY) ## all tests that need Python alone
 	$(PYTEST) -n 2 --dist loadgroup -m "not browser and not contracts and not gpsd and not nodes and not evm and not hosts"
@@ -29,11 +38,12 @@ test: $(READY) ## all tests that need Python alone
 test-failed: $(READY) ## what failed in the last `make test`, one after the other
 	$(PYTEST) --last-failed --last-failed-no-failures none
 
-check: $(READY) ## lint, format, types, layers
+check: $(READY) ## lint, format, types, layers, declared packages
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/deptry src
 
 test-browser: $(READY) ## the report page in a real headless Chromium
 	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || { \
@@ -91,7 +101,7 @@ test-sumo: $(VENV)/sumo/.ready ## traces recorded from the real simulator (insta
 $(VENV)/peers/.ready: pyproject.toml constraints-peers.txt
 	@echo "Installing PyTorch, TorchRL, BenchMARL and VMAS into $(VENV)/peers (5 GB)"
 	@$(PYTHON) -m venv $(VENV)/peers
-	@$(VENV)/peers/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints-peers.txt torch torchrl benchmarl vmas pytest --editable .
+	@$(VENV)/peers/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints-peers.txt torch vmas pytest --editable ".[peers]"
 	@touch $@
 
 $(VENV)/jaxmarl/.ready: constraints-jaxmarl.txt

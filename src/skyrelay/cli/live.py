@@ -21,12 +21,7 @@ def command(
     ] = None,
 ) -> None:
     """Show a fleet as it flies, in a browser: skyrelay live runs/bologna-1 (Ctrl-C ends it)."""
-    try:
-        from skyrelay.report.live import ControlRoom
-    except ModuleNotFoundError as error:
-        if error.name != "websockets":
-            raise
-        raise UsageError("skyrelay live", None, "the extra of this command: pip install 'skyrelay[pilot]'") from error
+    from skyrelay.report.live import ControlRoom
     from skyrelay.report.replay import replay
     from skyrelay.runfolder import read_run
 

@@ -34,6 +34,7 @@ from skyrelay.cli import (
 )
 from skyrelay.cli.options import help_alone
 from skyrelay.core.errors import SkyRelayError
+from skyrelay.core.extras import missing
 
 app = typer.Typer(
     name="skyrelay",
@@ -98,6 +99,11 @@ def main() -> None:
         _stop(error.format_message(), 2)
     except SkyRelayError as error:
         _stop(str(error), error.exit_code)
+    except ImportError as error:
+        lacking = missing(error.name or "", error)
+        if lacking is None:
+            raise
+        _stop(str(lacking), lacking.exit_code)
     except MemoryError:
         _stop("this machine has not the memory for it: expected fewer vehicles, UAVs, steps or episodes", 2)
     except (KeyboardInterrupt, typer.Abort):

@@ -228,10 +228,8 @@ def call(function: str, settings: dict[str, Any]) -> list[Row]:
 
 
 def _work_on_ray(function: str, tasks: Sequence[Task], address: str) -> Iterator[tuple[Task, list[Row]]]:
-    try:
-        import ray
-    except ImportError:
-        raise UsageError("--ray", address, "Ray to be installed: pip install 'skyrelay[ray]'") from None
+    import ray
+
     try:
         ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
     except (ConnectionError, ValueError, RuntimeError) as error:

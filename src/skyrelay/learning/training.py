@@ -479,8 +479,6 @@ def _interruptible() -> Iterator[Callable[[], bool]]:
 
 
 def _tensorboard(out: Path) -> Any:
-    try:
-        from tensorboardX import SummaryWriter
-    except ImportError as error:
-        raise TrainingError("--tensorboard", None, "the package tensorboardX (pip install tensorboardX)") from error
+    from tensorboardX import SummaryWriter
+
     return SummaryWriter(str(out / "tensorboard"))

@@ -19,6 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from skyrelay.core.errors import TraceError, UsageError
+from skyrelay.core.extras import missing
 from skyrelay.core.files import atomic_path
 from skyrelay.core.progress import Progress, Silent
 
@@ -178,6 +179,6 @@ def _libsumo() -> Any:
     try:
         with redirect_stdout(io.StringIO()):  # it prints a warning about pyarrow's version, harmless here
             import libsumo  # type: ignore[import-not-found]
-    except ImportError as error:
-        raise UsageError("skyrelay record", None, f"libsumo: pip install 'skyrelay[sumo]' ({error})") from error
+    except ImportError as error:  # also of a library of the system, which the error alone does not name
+        raise (missing("libsumo", error) or error) from error
     return libsumo
