@@ -2,13 +2,17 @@
 
 import io
 import json
+import logging
+import subprocess
 
 import pytest
 import requests
 from prometheus_client.parser import text_string_to_metric_families
+from town_of_processes import skyrelay
 
 from skyrelay.chain.accounts import Keyring
-from skyrelay.core.errors import UsageError
+from skyrelay.cli.agent import one_line_for_the_unforeseen
+from skyrelay.core.errors import ChainError, HostError, UsageError
 from skyrelay.pilot.logs import Redactor, configure
 from skyrelay.pilot.metrics import Metrics
 from skyrelay.protocol.beacon import BeaconGate, Session
@@ -92,3 +96,27 @@ def test_lines_for_people_keep_no_secret_either(monkeypatch):
 
 def test_the_longer_secret_is_hidden_whole():
     assert Redactor(["secret", "secret and more", "x"])("secret and more, x") == "[redacted], x"
+
+
+def test_the_last_words_of_a_process_that_speaks_json_are_json(tmp_path):
+    agent = skyrelay("agent", "uav", "--config", tmp_path / "none.toml", "--log-json", stderr=subprocess.PIPE)
+    _, told = agent.communicate(timeout=120)
+    assert agent.returncode == 2
+    (line,) = map(json.loads, told.splitlines())
+    assert line["level"] == "error"
+    assert "a readable TOML file" in line["message"]
+
+
+@pytest.mark.parametrize(("level", "lines"), [(logging.INFO, 0), (logging.DEBUG, 1)])
+def test_what_nobody_has_foreseen_is_one_line_and_its_trace_is_for_who_debugs(level, lines):
+    stream = io.StringIO()
+    logger = configure("one", as_json=True, stream=stream, level=level)
+    told = pytest.raises(HostError, match=r"^host one: is 'ZeroDivisionError: division by zero'; expected")
+    with told as caught, one_line_for_the_unforeseen("one", logger):
+        1 / 0  # noqa: B018
+    assert caught.value.exit_code not in (0, 2)  # so that `up` starts it again
+    written = stream.getvalue().splitlines()
+    assert len(written) == lines
+    assert all("ZeroDivisionError" in json.loads(line)["trace"] for line in written)
+    with pytest.raises(ChainError), one_line_for_the_unforeseen("one", logger):
+        raise ChainError("chain", None, "an answer")

@@ -110,6 +110,8 @@ def test_what_is_wrong_with_a_host_is_one_clear_line(tmp_path):
         (bad(tmp_path, text, 'contract = "0x', 'contract = "0xg').read_text(), right, "contract"),
         (re.sub(r'contract = "0x\w+"', f'contract = "0x{"1" * 40}"', text), right, "a contract's address"),
         (re.sub(r"tcp/127.0.0.1:\d+", "tcp/127.0.0.1:9", text), right, "a peer that answers"),
+        (re.sub(r"http://[^\"]+", "http://127.0.0.1:9", text), right, "a node that answers JSON-RPC"),
+        (text, right, "a name that no other peer has"),
         (text.replace("side = ", "side = -"), right, "greater than 0"),
     ]
     for number, (content, variables, wanted) in enumerate(faults):

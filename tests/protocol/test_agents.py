@@ -54,7 +54,7 @@ def test_one_that_is_started_again_stands_where_the_chain_says(town):
     for lived, began in zip(town.agents, again, strict=True):
         if lived.state is UavState.FLYING:
             assert began.state is UavState.SELECTED
-            _, wish = began.receive(Tick(Phase.BEACON))
+            (wish,) = began.receive(Tick(Phase.BEACON))  # no beacon yet: it has no fix
             assert wish.model == town.client.model_of_zone(lived.tuned_in).model_id
         elif lived.state is VehicleState.UNSERVED:
             assert began.state in {VehicleState.IDLE, VehicleState.UNSERVED}
@@ -152,6 +152,20 @@ def test_a_vehicle_that_has_left_says_so_and_is_no_longer_followed(town):
     vehicle.receive(Fix(None))
     before, after = (len(s[uav.name].vehicles) for s in (_sights(town, 0, beacons=False), _sights(town, 1)))
     assert after == before - 1
+
+
+def test_a_uav_without_a_fix_says_and_does_nothing_that_needs_one(town):
+    town.select()
+    uav = next(agent for agent in town.agents if agent.state is UavState.FLYING)
+    uav.receive(Fix(None, 80.0))
+    for phase in (Phase.BEACON, Phase.DECIDE, Phase.REPORT, Phase.LAND):
+        assert tuple(uav.receive(Tick(phase))) == ()
+    new = next(agent for agent in town.fresh_agents() if agent.name == uav.name)
+    for phase in (Phase.JOIN, Phase.REPORT, Phase.LAND):
+        assert tuple(new.receive(Tick(phase))) == ()
+    new.receive(Fix((10.0, 20.0), 80.0))
+    (call,) = new.receive(Tick(Phase.REPORT))
+    assert (call.record.x, call.record.y) == (10.0, 20.0)
 
 
 def test_a_decision_becomes_a_move(town):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -9,7 +12,7 @@ from typing import Annotated
 import typer
 
 from skyrelay.cli.ending import until_terminated
-from skyrelay.core.errors import UsageError
+from skyrelay.core.errors import HostError, SkyRelayError, UsageError
 
 
 class Kind(StrEnum):
@@ -43,6 +46,7 @@ def command(
         str | None, typer.Option("--metrics", metavar="HOST:PORT", help="Answer Prometheus at /metrics there.")
     ] = None,
     log_json: Annotated[bool, typer.Option("--log-json", help="Say everything as JSON, an object a line.")] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Say also where in the program a fault came up.")] = False,
 ) -> None:
     """Host agents of one kind, each with its own key, until the world stops.
 
@@ -57,13 +61,32 @@ def command(
     from skyrelay.pilot.geodesy import Frame
     from skyrelay.pilot.logs import configure
 
+    level = logging.DEBUG if debug else logging.INFO
+    configure("agent", log_json, level=level)
     wanted = [name.strip() for name in members.split(",") if name.strip()]
     if (autopilot is None and gpsd is None) != (origin is None):
         raise UsageError("--origin", origin, "with --autopilot or --gpsd, and only with them")
     frame = None if origin is None else Frame.parse(origin, "--origin")
     host = load_config(config, wanted)
-    logger = configure(host.name, log_json)
-    with until_terminated():
+    logger = configure(host.name, log_json, level=level)
+    with until_terminated(), one_line_for_the_unforeseen(host.name, logger):
         airframe = None if autopilot is None or frame is None else (autopilot, frame)
         receiver = None if gpsd is None or frame is None else (gpsd, frame)
         run_agents(kind.value, host, logger.info, airframe=airframe, receiver=receiver, metrics=metrics)
+
+
+@contextmanager
+def one_line_for_the_unforeseen(name: str, logger: logging.Logger) -> Iterator[None]:
+    """An exception that is none of ours ends the host with one line; where it came up is in the log for who debugs.
+
+    Raises:
+        HostError: in place of any such exception.
+    """
+    try:
+        yield
+    except SkyRelayError:
+        raise
+    except Exception as error:
+        logger.debug("where it came up", exc_info=True)
+        told = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        raise HostError(f"host {name}", told, "nothing of the kind; --debug says where it came up") from None

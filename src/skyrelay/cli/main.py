@@ -35,6 +35,7 @@ from skyrelay.cli import (
 from skyrelay.cli.options import help_alone
 from skyrelay.core.errors import SkyRelayError
 from skyrelay.core.extras import missing
+from skyrelay.pilot.logs import say_as_json
 
 app = typer.Typer(
     name="skyrelay",
@@ -119,5 +120,6 @@ def main() -> None:
 
 def _stop(message: str, status: int) -> None:
     line = " ".join(message.split())
-    typer.echo(f"skyrelay: {line}", err=True)
+    if not say_as_json(line):
+        typer.echo(f"skyrelay: {line}", err=True)
     sys.exit(status)

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from skyrelay.core.errors import UsageError
 
+ScenarioName = Annotated[str, typer.Argument(help="A built-in scenario or the path of a TOML file.")]
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="DIR", help="Where the run folder goes.", show_default="runs/NAME-SEED"),
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace a run folder that is already there.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output.")]
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Replaces the scenario's seed.", show_default=False)]
 Override = Annotated[

@@ -8,18 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skyrelay.cli.options import Json, Override, Seed, print_result
+from skyrelay.cli.options import Force, Json, Out, Override, ScenarioName, Seed, print_result
 
 if TYPE_CHECKING:
     from skyrelay.core.scenario import Mobility
 
 
 def command(
-    scenario: Annotated[str, typer.Argument(help="A built-in scenario or the path of a TOML file.")] = "bologna",
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Where the run folder goes.", show_default="runs/NAME-SEED"),
-    ] = None,
+    scenario: ScenarioName = "bologna",
+    out: Out = None,
     seed: Seed = None,
     override: Override = None,
     chain: Annotated[
@@ -28,7 +25,7 @@ def command(
     chain_id: Annotated[
         int | None, typer.Option("--chain-id", help="What the node's chain id must be.", show_default=False)
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace a run folder that is already there.")] = False,
+    force: Force = False,
     resume: Annotated[
         Path | None,
         typer.Option("--resume", metavar="DIR", help="Go on with a run to this folder that was killed."),

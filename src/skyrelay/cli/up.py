@@ -9,16 +9,13 @@ import typer
 
 from skyrelay.cli.agent import Kind
 from skyrelay.cli.ending import until_terminated
-from skyrelay.cli.options import Json, Override, Seed, print_result
+from skyrelay.cli.options import Force, Json, Out, Override, ScenarioName, Seed, print_result
 from skyrelay.cli.run import lines
 
 
 def command(
-    scenario: Annotated[str, typer.Argument(help="A built-in scenario or the path of a TOML file.")] = "bologna",
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Where the run folder goes.", show_default="runs/NAME-SEED"),
-    ] = None,
+    scenario: ScenarioName = "bologna",
+    out: Out = None,
     hosts: Annotated[
         Path | None,
         typer.Option("--hosts", metavar="DIR", help="Of the hosts' files and logs.", show_default="beside the run's"),
@@ -51,7 +48,7 @@ def command(
             show_default="as fast as it goes",
         ),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace a run folder that is already there.")] = False,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Play a scenario with every agent in a process: chain, store, bus, vehicles, UAVs, coordinator and world.

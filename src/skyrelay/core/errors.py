@@ -60,6 +60,12 @@ class BusError(SkyRelayError):
     """The bus or the world is out of reach, or a message does not fit."""
 
 
+class HostError(SkyRelayError):
+    """A host of agents met what nobody has foreseen; it may be started again."""
+
+    exit_code = 70  # EX_SOFTWARE of sysexits.h
+
+
 class PositionError(SkyRelayError):
     """A receiver is not there, or does not say what it should."""
 

@@ -17,7 +17,7 @@ from skyrelay.pilot.bus import Bus
 from skyrelay.pilot.config import HostConfig
 from skyrelay.pilot.flown import FlownUav
 from skyrelay.pilot.geodesy import Frame
-from skyrelay.pilot.lockstep import Radio, serve
+from skyrelay.pilot.lockstep import Radio, host_key, serve
 from skyrelay.pilot.metrics import Metrics
 from skyrelay.pilot.position import Gpsd, PositionSource
 from skyrelay.protocol.agent import Agent
@@ -96,6 +96,7 @@ def run_agents(
         receivers: dict[str, PositionSource] = {}
         if receiver is not None:
             receivers[agents[0].address] = stack.enter_context(Gpsd(*receiver))
+        bus.claim(f"{host_key(access.contract, config.name)}/alive")
         say(f"ready: {len(agents)} of kind {kind}, at block {chain.block_number}")
         serve(host, bus, access.contract, config.name, radio, config.patience, flown, receivers)
 

@@ -28,6 +28,8 @@ LONGEST_QUESTION = 256 * LONGEST_MESSAGE
 """Bytes of a question or an answer."""
 MOST_QUESTIONS = 1024
 """That wait for their answer at one key; who asks more waits."""
+CLAIM = 5.0
+"""So long the others have to say that they hold a key [s]; without any, the answer comes at once."""
 ANY_PORT = "tcp/127.0.0.1:0"
 
 
@@ -210,7 +212,7 @@ class Bus:
         self._weather = weather or Weather()
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._subscriptions: list[Subscription] = []
-        self._declared_subscribers: list[zenoh.Subscriber[None]] = []
+        self._claims: list[zenoh.LivelinessToken] = []
         config = zenoh.Config()
         settings = {
             "mode": "peer",
@@ -276,6 +278,17 @@ class Bus:
         questions: queue.Queue[Question] = queue.Queue(MOST_QUESTIONS)
         self._session.declare_queryable(key, lambda query: questions.put(Question(query)))
         return questions
+
+    def claim(self, key: str) -> None:
+        """Hold a key that only one peer may hold, until this peer leaves or dies.
+
+        Raises:
+            BusError: another peer that is linked to this one holds it.
+        """
+        liveliness = self._session.liveliness()
+        if any(reply.ok is not None for reply in liveliness.get(key, timeout=CLAIM)):
+            raise BusError("bus", key, "a name that no other peer has now")
+        self._claims.append(liveliness.declare_token(key))
 
     def close(self) -> None:
         """Leave; the others see it."""

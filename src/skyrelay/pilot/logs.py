@@ -82,7 +82,7 @@ class _Json(logging.Formatter):
         return json.dumps(tree, default=lambda value: self._redact(str(value)))
 
 
-def configure(member: str, as_json: bool, stream: TextIO | None = None) -> logging.Logger:
+def configure(member: str, as_json: bool, stream: TextIO | None = None, *, level: int = logging.INFO) -> logging.Logger:
     """The process's logger, from now on.
 
     What belongs to a message goes into ``extra={"fields": {...}}``; as JSON it gets keys of its own.
@@ -90,12 +90,22 @@ def configure(member: str, as_json: bool, stream: TextIO | None = None) -> loggi
     Args:
         member: the process's name.
         stream: left out: standard error.
+        level: of the least that is said.
     """
     redact = Redactor.of_environment()
     handler = logging.StreamHandler(stream or sys.stderr)
     handler.setFormatter(_Json(redact, member) if as_json else _Lines(redact))
     logger = logging.getLogger(LOGGER)
     logger.handlers = [handler]
-    logger.setLevel(logging.INFO)
+    logger.setLevel(level)
     logger.propagate = False
     return logger
+
+
+def say_as_json(line: str) -> bool:
+    """Say why the process ends, if it speaks JSON; whether it does."""
+    logger = logging.getLogger(LOGGER)
+    speaks = any(isinstance(handler.formatter, _Json) for handler in logger.handlers)
+    if speaks:
+        logger.error(line)
+    return speaks

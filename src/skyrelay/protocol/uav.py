@@ -68,7 +68,7 @@ class UavAgent(Agent):
         self._station, self._altitude, self._bandwidth = zone, altitude, bandwidth
         self._law, self._load = law, load
         self._zone = 0
-        self._fix = Fix(None)
+        self._fix = Fix(None, 100.0)  # a battery that nobody has told of is not low
         self._model: str | None = None  # that the contract has assigned to its zone in this period
         self._read: Model | None = None  # it, as the contract had it when last asked
         self._loaded: Cid | None = None
@@ -117,33 +117,37 @@ class UavAgent(Agent):
 
     def _at(self, tick: Tick) -> Sequence[Command]:
         match tick.phase:
-            case Phase.JOIN if self.state is UavState.NEW:
-                return self._call(RegisterUav(self._record(self._station)))
+            case Phase.JOIN | Phase.REPORT if self.state is UavState.NEW:
+                return self._report(RegisterUav, self._station)
             case Phase.CLOSE if self.state not in {UavState.SELECTED, UavState.FLYING}:
                 self._end_period()
             case Phase.LAND if self._fix.battery <= self._law.energy.reserve and self.machine.allows(UavMessage.RETIRE):
                 return self._call(LeaveZone())
             case Phase.REPORT if self.state is UavState.AVAILABLE:
-                return self._call(UpdateUav(self._record()))
+                return self._report(UpdateUav)
             case Phase.BEACON if self._zone:
-                fix = self._fix
-                beacon = Beacon(self.address, self._zone, None, fix.position, tick.time, fix.speed, fix.battery)
                 if self.state is UavState.SELECTED and self._model is not None:
                     # One that was started again has its policy to load before it can fly.
-                    return (SendBeacon(beacon), ReadModel(self._model))
-                return (SendBeacon(beacon),)
+                    return (*self._beacon(tick.time), ReadModel(self._model))
+                return self._beacon(tick.time)
             case Phase.DECIDE if self.state is UavState.FLYING and self.policy is not None:
-                return (Decide(self.policy, self._sight(tick.time)),)
+                place = self._fix.position  # without one it hovers: it may be anywhere
+                return () if place is None else (Decide(self.policy, self._sight(place, tick.time)),)
         return ()
 
-    def _record(self, zone: int = 0) -> UavRecord:
-        x, y = self._place()
-        return UavRecord(x, y, self._altitude, self._fix.battery, self._bandwidth, zone)
-
-    def _place(self) -> tuple[float, float]:
+    def _report(self, kind: type[RegisterUav | UpdateUav], zone: int = 0) -> Sequence[Command]:
+        """Tell the contract where it is; nothing without a fix, so that the contract goes by the last one."""
         if self._fix.position is None:
-            raise RuntimeError("a UAV has a fix before it tells where it is")
-        return self._fix.position
+            return ()
+        x, y = self._fix.position
+        return self._call(kind(UavRecord(x, y, self._altitude, self._fix.battery, self._bandwidth, zone)))
+
+    def _beacon(self, now: float) -> Sequence[Command]:
+        """Tell the zone where it is, if it knows."""
+        fix = self._fix
+        if fix.position is None:
+            return ()
+        return (SendBeacon(Beacon(self.address, self._zone, None, fix.position, now, fix.speed, fix.battery)),)
 
     # The chain
 
@@ -205,7 +209,7 @@ class UavAgent(Agent):
         if last is None or beacon.time >= last.time:
             self._beacons[beacon.sender] = beacon
 
-    def _sight(self, now: float) -> Sight:
+    def _sight(self, place: tuple[float, float], now: float) -> Sight:
         """What it knows now: of its mates and vehicles what they last said, if that is not too long ago.
 
         A mate may have flown on since: by so much its link is held shorter than the range.
@@ -218,7 +222,7 @@ class UavAgent(Agent):
         return Sight(
             law=self._law,
             zone=self._zone,
-            own=self._place(),
+            own=place,
             team=tuple(position for position, _ in team),
             margins=tuple(margin for _, margin in team),
             vehicles=tuple(
