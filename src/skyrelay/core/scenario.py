@@ -258,6 +258,14 @@ class Obstacles(_Section):
         return read_buildings(Path(value)) if isinstance(value, str) else value
 
 
+class Map(_Section):
+    """What the page draws beneath the vehicles; nothing is computed from it."""
+
+    streets: Text | None = Field(
+        None, description="a SUMO network (.net.xml) or a GeoJSON file of lines; left out: the vehicles' tracks"
+    )
+
+
 class Chain(_Section):
     """Where the contract lives."""
 
@@ -308,6 +316,7 @@ class Scenario(_Section):
     coordination: Coordination = Coordination()
     energy: Energy = Energy()
     obstacles: Obstacles = Obstacles()
+    map: Map = Map()
     chain: Chain = Chain()
     store: Store = Store()
 
@@ -395,12 +404,14 @@ def load_scenario(source: str | Path = "bologna", overrides: Sequence[str] = (),
     if folder is None:
         return scenario
     # Paths in a file are relative to that file, not to where the command was called.
-    mobility, coordination = scenario.mobility, scenario.coordination
+    mobility, coordination, drawn = scenario.mobility, scenario.coordination, scenario.map
     if _is_file(folder / mobility.trace) and "mobility.trace" not in replaced:
         mobility = mobility.model_copy(update={"trace": str(folder / mobility.trace)})
     if _is_file(folder / coordination.policy):
         coordination = coordination.model_copy(update={"policy": str(folder / coordination.policy)})
-    return scenario.model_copy(update={"mobility": mobility, "coordination": coordination})
+    if drawn.streets and "map.streets" not in replaced:
+        drawn = drawn.model_copy(update={"streets": str(folder / drawn.streets)})
+    return scenario.model_copy(update={"mobility": mobility, "coordination": coordination, "map": drawn})
 
 
 def _is_file(path: Path) -> bool:

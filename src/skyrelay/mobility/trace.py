@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import ParseError
@@ -23,7 +23,7 @@ from skyrelay.mobility.formats.geo import read_geojson, read_gpx
 from skyrelay.mobility.formats.movements import read_bonnmotion, read_ns2
 from skyrelay.mobility.formats.samples import Samples, counted
 from skyrelay.mobility.formats.tables import read_csv, read_parquet
-from skyrelay.mobility.plane import project
+from skyrelay.mobility.plane import name_of, project
 
 SMALLEST_EXTENT = 1.0
 """A trace that spans less than this [m] is of nothing that moves, or not in metres."""
@@ -67,6 +67,7 @@ class Trace:
         x, y: [M] position [m].
         attribution: what the file says of its source and licence, or an empty text.
         notes: what was made of the file: projection, rows left out, how far apart the samples are.
+        plane: the EPSG code that degrees were projected to; None where the file was in metres.
     """
 
     ids: tuple[str, ...]
@@ -76,6 +77,7 @@ class Trace:
     y: FloatArray
     attribution: str
     notes: tuple[str, ...] = ()
+    plane: int | None = None
 
     @property
     def box(self) -> tuple[float, float, float, float]:
@@ -189,7 +191,7 @@ def _from_samples(samples: Samples, path: Path, config: Mobility) -> Trace:
 
 
 def _with_notes(trace: Trace, *notes: str) -> Trace:
-    return Trace(trace.ids, trace.vehicle, trace.time, trace.x, trace.y, trace.attribution, (*trace.notes, *notes))
+    return replace(trace, notes=(*trace.notes, *notes))
 
 
 # Columns
@@ -303,15 +305,15 @@ def _in_metres(
         units = "degrees" if geographic or _proven_degrees(trace, speed) else "m"
     if units == "degrees":
         _check_degrees(trace, path)
-        x, y, name = project(trace.x, trace.y)
-        return Trace(trace.ids, trace.vehicle, trace.time, x, y, trace.attribution), [f"degrees projected to {name}"]
+        x, y, plane = project(trace.x, trace.y)
+        return replace(trace, x=x, y=y, plane=plane), [f"degrees projected to {name_of(plane)}"]
     if config.units == "auto" and _could_be_degrees(trace):
         raise TraceError(
             f"{path}: x, y", f"{_extent(trace)} across", 'metres; for degrees set mobility.units = "degrees"'
         )
     notes = [] if units == "m" else [f"lengths in {units} taken to metres"]
     scale = METRES[units]
-    return Trace(trace.ids, trace.vehicle, trace.time, trace.x * scale, trace.y * scale, trace.attribution), notes
+    return replace(trace, x=trace.x * scale, y=trace.y * scale), notes
 
 
 def _extent(trace: Trace) -> str:
@@ -419,7 +421,7 @@ def _without_lost_fixes(trace: Trace, path: Path, config: Mobility) -> Trace:
     present, vehicle = np.unique(trace.vehicle[kept], return_inverse=True)
     ids = tuple(trace.ids[number] for number in present)
     note = f"{counted(int(lost.sum()), 'sample')} dropped at places that could not be reached (mobility.lost_fixes)"
-    thinned = Trace(ids, vehicle, trace.time[kept], trace.x[kept], trace.y[kept], trace.attribution, trace.notes)
+    thinned = replace(trace, ids=ids, vehicle=vehicle, time=trace.time[kept], x=trace.x[kept], y=trace.y[kept])
     return _with_notes(thinned, note)
 
 

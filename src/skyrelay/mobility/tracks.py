@@ -28,6 +28,7 @@ class Tracks:
         box: the area's smallest x and y, largest x and y [m].
         attribution: of the data behind it, or an empty text.
         notes: what was made of that data (`Trace.notes`).
+        plane: the EPSG code that x and y are of, where that is known.
     """
 
     ids: tuple[str, ...]
@@ -36,6 +37,7 @@ class Tracks:
     box: tuple[float, float, float, float]
     attribution: str = ""
     notes: tuple[str, ...] = ()
+    plane: int | None = None
 
 
 def builtin_traces() -> list[str]:
@@ -106,7 +108,7 @@ def replay(trace: Trace, times: FloatArray, connected: np.ndarray, max_gap: floa
     y = np.where(there, trace.y[before] + share * (trace.y[after] - trace.y[before]), np.nan)
     seen = there.any(axis=0)
     ids = tuple(trace.ids[row] for row in rows[seen])
-    return Tracks(ids, x[:, seen], y[:, seen], trace.box, trace.attribution, trace.notes)
+    return Tracks(ids, x[:, seen], y[:, seen], trace.box, trace.attribution, trace.notes, trace.plane)
 
 
 def require_trace(name: str) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from skyrelay.chain.abi import Event
+from skyrelay.core.entities import FloatArray
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.mobility import Tracks
 from skyrelay.protocol.zone_view import ZoneView
@@ -146,6 +147,13 @@ class Record:
     def figures(self) -> dict[str, float | None]:
         """Those of the run so far that its metrics give."""
         return over_the_run(self._tables.columns("metrics"))
+
+    def streets(self, lines: Sequence[FloatArray]) -> None:
+        """The streets beneath, each [P, 2] [m]."""
+        if lines:
+            corners = np.concatenate(lines)
+            numbers = np.repeat(np.arange(len(lines)), [len(line) for line in lines])
+            self._tables.add("streets", street=numbers, x=corners[:, 0], y=corners[:, 1])
 
     def write(
         self, folder: Path, events: Sequence[tuple[int, Event]], accounts: Mapping[str, Mapping[str, str]]

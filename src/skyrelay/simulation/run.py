@@ -283,6 +283,7 @@ class Run:
     def write(self, folder: Path, consortium: Consortium, begin: float) -> dict[str, Any]:
         """Write the tables and the summary, and return this; ``begin`` is when the run began (`time.monotonic`)."""
         accounts = {"party": consortium.parties(), "vehicle": self.vehicles, "uav": self.uavs}
+        self.written.streets(self.world.streets)
         self.written.write(folder, self.events, accounts)
         summary = self.summary() | {
             "blocks": consortium.chain.block_number,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +18,7 @@ from skyrelay.core.resolved import ResolvedScenario, resolve
 from skyrelay.core.scenario import Building, Demand, Scenario
 from skyrelay.core.scenario import Fleet as FleetConfig
 from skyrelay.core.zones import ZoneGrid
-from skyrelay.mobility import Tracks, load_tracks
+from skyrelay.mobility import Tracks, load_tracks, read_streets
 
 SMALLEST_BUILDING = 1.0
 """Of which at least one must be so long or wide [m]: a house in degrees is a thousand times smaller."""
@@ -84,6 +85,7 @@ class World:
         tracks: of the vehicles.
         members: what the vehicles ask for and offer.
         fleet: as it is deployed; it moves with the run.
+        streets: lines for the page, each [P, 2] [m]; none where the scenario names none.
     """
 
     scenario: ResolvedScenario
@@ -91,6 +93,7 @@ class World:
     tracks: Tracks
     members: Members
     fleet: Fleet
+    streets: tuple[FloatArray, ...] = ()
 
     @classmethod
     def of(cls, scenario: Scenario) -> World:
@@ -98,11 +101,13 @@ class World:
 
         Raises:
             TraceError: the trace cannot be read, or is shorter than the run.
-            ScenarioError: no building stands in the area.
+            ScenarioError: no building stands in the area, or the file of streets does not fit.
         """
         tracks = load_tracks(scenario)
         grid = ZoneGrid.over(*tracks.box, scenario.zones.columns, scenario.zones.rows)
         _check_buildings(scenario.obstacles.buildings, tracks.box)
+        named = scenario.map.streets
+        streets = read_streets(Path(named), tracks.box, tracks.plane) if named else ()
         resolved = resolve(scenario, grid)
         return cls(
             resolved,
@@ -110,6 +115,7 @@ class World:
             tracks,
             draw_members(scenario.demand, scenario.seed, len(tracks.ids)),
             deploy_fleet(scenario.fleet, scenario.seed, tracks, grid),
+            tuple(streets),
         )
 
     def addresses(self, account: Callable[[str], str]) -> dict[str, str]:
