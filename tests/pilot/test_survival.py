@@ -1,68 +1,18 @@
 """What happens to agents: they are killed, and told wrong things; the others go on, and so do they."""
 
-import json
 import os
 import re
 import signal
 import subprocess
-import threading
-import time
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-import requests
-from town_of_processes import decided, sets, skyrelay
+from town_of_processes import Up, audited, decided, skyrelay
 
 from skyrelay.core.errors import BusError
 from skyrelay.pilot.bus import Bus
 from skyrelay.pilot.lockstep import serve
-
-WAIT = 120.0
-
-
-class Up:
-    """A running `skyrelay up`, whose processes can be found and killed."""
-
-    def __init__(self, folder, *overrides, options=()):
-        self.folder, self.lines = folder, []
-        self.process = skyrelay("up", "--out", folder, *options, *sets(*overrides), stderr=subprocess.PIPE)
-        self._reader = threading.Thread(target=lambda: self.lines.extend(self.process.stderr))
-        self._reader.start()
-
-    def pid(self, name):
-        """Of the process that runs under a name now."""
-        found = [match[1] for line in list(self.lines) if (match := re.match(rf"{name} +process (\d+)", line))]
-        return int(found[-1]) if found else None
-
-    def wait_for(self, happened):
-        until = time.monotonic() + WAIT
-        while not (found := happened()):
-            assert time.monotonic() < until, self.lines
-            assert self.process.poll() is None, self.lines
-            time.sleep(0.02)
-        return found
-
-    def wait_for_block(self, number):
-        file = self.folder.with_name(f"{self.folder.name}-hosts") / "uavs.toml"
-        self.wait_for(lambda: self.pid("coordinator") and file.is_file())
-        url = json.loads(re.search(r"urls = (\[[^\]]*\])", file.read_text())[1].replace(",\n", "\n"))[0]
-        ask = [{"jsonrpc": "2.0", "id": 1, "method": "eth_blockNumber", "params": []}]
-        self.wait_for(lambda: int(requests.post(url, json=ask, timeout=5).json()[0]["result"], 16) >= number)
-
-    def kill(self, name):
-        os.kill(self.pid(name), signal.SIGKILL)
-
-    def end(self):
-        status = self.process.wait(300)
-        self._reader.join()
-        assert status == 0, self.lines
-
-
-def audited(folder):
-    audit = skyrelay("audit", folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-    told, _ = audit.communicate(timeout=120)
-    assert audit.returncode == 0, told
 
 
 @pytest.mark.parametrize(("block", "names"), [(9, ["vehicles", "coordinator"]), (12, ["uavs"]), (16, ["coordinator"])])

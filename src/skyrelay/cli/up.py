@@ -35,6 +35,16 @@ def command(
     uav_hosts: Annotated[
         int, typer.Option("--uav-hosts", min=1, metavar="N", help="How many processes share the UAVs.")
     ] = 1,
+    coordinators: Annotated[
+        int,
+        typer.Option("--coordinators", min=1, max=9, metavar="N", help="Hosts that coordinate; all but one stand by."),
+    ] = 1,
+    standby: Annotated[
+        float,
+        typer.Option(
+            "--standby", min=0.1, max=300.0, metavar="S", help="How long a coordinator leaves the one before [s]."
+        ),
+    ] = 5.0,
     wait: Annotated[
         float, typer.Option("--wait", min=0.0, metavar="S", help="How long the world stands still for a lost host [s].")
     ] = 30.0,
@@ -93,6 +103,8 @@ def command(
             address=address,
             elsewhere=[kind.value for kind in elsewhere or ()],
             uav_hosts=uav_hosts,
+            coordinators=coordinators,
+            standby=standby,
             wait=wait,
             speed=speed,
         )

@@ -20,6 +20,7 @@ from skyrelay.pilot.geodesy import Frame
 from skyrelay.pilot.lockstep import Radio, host_key, serve
 from skyrelay.pilot.metrics import Metrics
 from skyrelay.pilot.position import Gpsd, PositionSource
+from skyrelay.pilot.standby import Standby
 from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.authority import ReputationAuthority
 from skyrelay.protocol.coordinator import ZoneCoordinator
@@ -97,8 +98,10 @@ def run_agents(
         if receiver is not None:
             receivers[agents[0].address] = stack.enter_context(Gpsd(*receiver))
         bus.claim(f"{host_key(access.contract, config.name)}/alive")
+        seconds = config.coordinator.standby
+        standby = Standby(host, seconds, say) if kind == "coordinator" and seconds is not None else None
         say(f"ready: {len(agents)} of kind {kind}, at block {chain.block_number}")
-        serve(host, bus, access.contract, config.name, radio, config.patience, flown, receivers)
+        serve(host, bus, access.contract, config.name, radio, config.patience, flown, receivers, standby)
 
 
 def _metrics(name: str, host: Host, radio: Radio) -> Metrics:

@@ -95,6 +95,9 @@ class Coordinator(_Table):
 
     zones: Annotated[list[Annotated[int, Field(ge=1)]], Field(max_length=1_000_000)] = []
     reputations: dict[Address, Annotated[float, Field(ge=0, le=100)]] = {}
+    standby: Annotated[float, Field(gt=0, le=3600)] | None = Field(
+        None, description="acts only where another has not for so long [s]; None: this one is the first"
+    )
 
 
 class HostConfig(_Table):

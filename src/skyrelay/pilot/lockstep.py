@@ -18,6 +18,7 @@ from skyrelay.core.errors import BusError
 from skyrelay.pilot.bus import Asked, Bus, uav_key, vehicle_key
 from skyrelay.pilot.flown import FlownUav
 from skyrelay.pilot.position import PositionSource
+from skyrelay.pilot.standby import Standby
 from skyrelay.pilot.wire import ChoiceMessage, FixMessage, Reply, TickMessage, decode, topic
 from skyrelay.protocol.beacon import BeaconGate, Session
 from skyrelay.protocol.host import Host
@@ -299,12 +300,14 @@ def serve(
     patience: float,
     flown: Mapping[str, FlownUav] = MappingProxyType({}),
     receivers: Mapping[str, PositionSource] = MappingProxyType({}),
+    standby: Standby | None = None,
 ) -> None:
     """Answer the world's ticks until it stops asking.
 
     Args:
         flown: UAVs of this host with an airframe of their own, by address.
         receivers: of members that know where they are by one, and not from the world.
+        standby: of a host that lets another act first.
         patience: without a tick for so long the world is taken to have stopped [s].
     Raises:
         BusError: the world has stopped.
@@ -327,6 +330,8 @@ def serve(
             question.refuse(str(error))
             continue
         try:
+            if standby is not None:
+                standby.wait(tick)
             reply = _work(host, radio, message, tick, flown, receivers)
         except Exception as error:
             question.refuse(str(error))

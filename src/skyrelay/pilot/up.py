@@ -47,6 +47,16 @@ class Place:
     keyring: Keyring
     table: dict[str, Any]
 
+    def accounts(self) -> dict[str, str]:
+        """Addresses by the names under which the run knows who is hosted here."""
+        if self.kind == "coordinator":
+            number = self.name.removeprefix("coordinator").replace("-", " ")  # of one that stands by
+            return {
+                f"{party}{number}": self.keyring.account(party) for party in ("coordinator", "reputation authority")
+            }
+        names = [member["name"] for member in self.table[self.kind]]
+        return {name: self.keyring.account(name) for name in names}
+
 
 def up(
     scenario: Scenario,
@@ -59,6 +69,8 @@ def up(
     address: str = LOOPBACK,
     elsewhere: Sequence[str] = (),
     uav_hosts: int = 1,
+    coordinators: int = 1,
+    standby: float = 5.0,
     wait: float = 30.0,
     speed: float | None = None,
 ) -> dict[str, Any]:
@@ -72,6 +84,8 @@ def up(
         address: of this machine, where chain and bus are reached.
         elsewhere: kinds of hosts that are not started here: their files are written, and who starts them is waited for.
         uav_hosts: how many processes share the UAVs.
+        coordinators: how many hosts may close periods and decide proposals; all but the first stand by.
+        standby: how long each leaves the ones before it to act [s].
         wait: how long the world stands still for a host that does not answer [s].
         speed: seconds of the world's clock to one of the wall's, at most; None as fast as the hosts can.
     Returns: the summary, as in ``summary.json``.
@@ -95,12 +109,12 @@ def up(
             url = f"http://skyrelay:{token}@{listen}"
             children.start("chain", ["chain", "serve", "--state", str(folder / CHAIN), "--listen", listen])
             _wait_for_chain(url, children)
-        places = _places(world, hosts, password, uav_hosts)
+        places = _places(world, hosts, password, uav_hosts, coordinators, standby)
         accounts = _accounts(places)
         founded = _on(world.scenario, url)
         world = replace(world, scenario=without_credentials(_on(world.scenario, url)))
         write_text(folder / SCENARIO, to_toml(world.scenario))
-        consortium = stack.enter_context(Consortium(founded, folder, elsewhere=accounts))
+        consortium = stack.enter_context(Consortium(founded, folder, elsewhere=accounts, coordinators=coordinators))
         consortium.found()
         chain = consortium.chain
         if not isinstance(chain, NodeChain):
@@ -113,7 +127,7 @@ def up(
             else:
                 children.start(place.name, command, again=True)
         run = Run(world, consortium.account)
-        members = {place.name: _addresses(place) for place in places}
+        members = {place.name: list(place.accounts().values()) for place in places}
         run.hosts = remote = RemoteHosts(
             bus, consortium.client.address, members, consortium.client, chain, run.hear, say, wait, speed
         )
@@ -189,8 +203,8 @@ def _wait_for_chain(url: str, children: Children) -> None:
             return
 
 
-def _places(world: World, hosts: Path, password: str, uav_hosts: int) -> list[Place]:
-    """A host for the vehicles, some for the UAVs, and one for the zones' coordinator, each with keys of its own."""
+def _places(world: World, hosts: Path, password: str, uav_hosts: int, coordinators: int, standby: float) -> list[Place]:
+    """A host for the vehicles, some for the UAVs, some for the zones' coordinator, each with keys of its own."""
     members, fleet = world.members, world.fleet
     vehicles = [
         {"name": name, "demand": demand, "payment": payment}
@@ -205,36 +219,33 @@ def _places(world: World, hosts: Path, password: str, uav_hosts: int) -> list[Pl
     # Each has the next so many, so that they register in the fleet's order.
     share = -(-len(uavs) // min(uav_hosts, len(uavs)))
     parts = [uavs[start : start + share] for start in range(0, len(uavs), share)]
-    coordinator: dict[str, Any] = {"zones": list(world.law.grid.ids)}
+    zones = list(world.law.grid.ids)
+    coordinating: list[dict[str, Any]] = [
+        {"zones": zones} | ({"standby": number * standby} if number else {}) for number in range(coordinators)
+    ]
     tables: list[tuple[str, str, dict[str, Any]]] = [
         ("vehicle", "vehicles", {"vehicle": vehicles}),
         *(
             ("uav", "uavs" if len(parts) == 1 else f"uavs-{number}", {"uav": part})
             for number, part in enumerate(parts, 1)
         ),
-        ("coordinator", "coordinator", {"coordinator": coordinator}),
+        *(
+            ("coordinator", "coordinator" if number == 1 else f"coordinator-{number}", {"coordinator": table})
+            for number, table in enumerate(coordinating, 1)
+        ),
     ]
     places = [
         Place(kind, name, Keyring.create(hosts / f"{name}.keystore", password), table) for kind, name, table in tables
     ]
-    coordinator["reputations"] = world.reputations(_accounts(places).__getitem__)
+    reputations = world.reputations(_accounts(places).__getitem__)
+    for table in coordinating:
+        table["reputations"] = reputations
     return places
 
 
 def _accounts(places: Sequence[Place]) -> dict[str, str]:
     """Addresses by name."""
-    return {name: place.keyring.account(name) for place in places for name in _names(place)}
-
-
-def _names(place: Place) -> list[str]:
-    """The names that a place has keys for."""
-    if place.kind == "coordinator":
-        return ["coordinator", "reputation authority"]
-    return [member["name"] for member in place.table[place.kind]]
-
-
-def _addresses(place: Place) -> list[str]:
-    return [place.keyring.account(name) for name in _names(place)]
+    return {name: address for place in places for name, address in place.accounts().items()}
 
 
 def _write_config(

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar
 
-from skyrelay.protocol.messages import ChainCall, Command, Message, Mined, Refused
+from skyrelay.protocol.messages import ChainCall, Command, Message, Mined, Phase, Refused
 
 
 class Agent(ABC):
@@ -27,6 +27,10 @@ class Agent(ABC):
     def tuned_in(self) -> int:
         """The zone whose UAVs' beacons it listens to; 0 for none."""
         return 0
+
+    def undone(self, phase: Phase) -> bool:  # noqa: ARG002  (for those who coordinate)
+        """Whether the contract still lacks what this agent, or one that does the same, has to do in a phase."""
+        return False
 
     @abstractmethod
     def receive(self, message: Message) -> Sequence[Command]:

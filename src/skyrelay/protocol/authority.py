@@ -27,6 +27,10 @@ class ReputationAuthority(Agent):
         self._reputations = reputations
         self._new: dict[str, None] = {}
 
+    def undone(self, phase: Phase) -> bool:
+        """See `Agent.undone`."""
+        return phase is Phase.RATE and bool(self._new)
+
     def receive(self, message: Message) -> Sequence[Command]:
         """Take a message; see `Agent.receive`."""
         match message:

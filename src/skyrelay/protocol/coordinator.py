@@ -47,6 +47,17 @@ class ZoneCoordinator(Agent):
         """Where the zone stands in the sequence."""
         return self.machine.state
 
+    def undone(self, phase: Phase) -> bool:
+        """See `Agent.undone`; by the contract's events, whoever it was that acted."""
+        match phase:
+            case Phase.CLOSE:
+                return self.state is not ZoneState.COLLECTING
+            case Phase.ALLOCATE:
+                return self._undecided and self.state is not ZoneState.COORDINATING
+            case Phase.DETERMINE:
+                return self.state is ZoneState.ALLOCATED and bool(self._team)
+        return False
+
     def receive(self, message: Message) -> Sequence[Command]:
         """Take a message; see `Agent.receive`."""
         match message:
@@ -62,14 +73,14 @@ class ZoneCoordinator(Agent):
         return ()
 
     def _at(self, tick: Tick) -> Sequence[Command]:
+        if not self.undone(tick.phase):
+            return ()
         match tick.phase:
-            case Phase.CLOSE if self.state is not ZoneState.COLLECTING:
+            case Phase.CLOSE:
                 return self._call(ResetZone(self.zone))
             case Phase.ALLOCATE:
                 return self._allocate()
-            case Phase.DETERMINE if self.state is ZoneState.ALLOCATED and self._team:
-                return self._call(DetermineModel(self.zone))
-        return ()
+        return self._call(DetermineModel(self.zone))
 
     def _allocate(self) -> Sequence[Command]:
         """The next piece of Algorithm 2, until every proposal is decided."""
@@ -89,9 +100,11 @@ class ZoneCoordinator(Agent):
             case "UAVAllocated":
                 (self._team.add if args["selected"] else self._team.discard)(args["uav"])
             case "ZoneAllocated":
-                self.machine.advance(ZoneMessage.ALLOCATE)
+                # Where two coordinate, the second of two calls finds nothing left to decide, and says so once more.
+                if self.machine.allows(ZoneMessage.ALLOCATE):
+                    self.machine.advance(ZoneMessage.ALLOCATE)
                 self._undecided = False
-            case "ModelAssigned":
+            case "ModelAssigned" if self.machine.allows(ZoneMessage.DETERMINE_MODEL):
                 self.machine.advance(ZoneMessage.DETERMINE_MODEL)
             case "ZoneListsReset":
                 if self.machine.allows(ZoneMessage.RESET):

@@ -25,6 +25,7 @@ from skyrelay.protocol.messages import (
     ModelFetched,
     ModelRead,
     Move,
+    Phase,
     ReadModel,
     ReadZone,
     Refused,
@@ -101,6 +102,10 @@ class Host:
     def catch_up(self) -> None:
         """Let agents that begin, or begin again, hear what has been; what they would have done about it is done."""
         self._route(self._news())
+
+    def undone(self, phase: Phase) -> bool:
+        """Whether the contract still lacks something that an agent here would do in a phase."""
+        return any(agent.undone(phase) for agent in self.agents)
 
     def tell(self, fixes: Mapping[str, Fix]) -> None:
         """New positions, by address, each to whose receiver it is."""

@@ -51,9 +51,12 @@ class Consortium:
         scenario: resolved.
         folder: of the run.
         elsewhere: addresses of the parties whose keys are not here, by name.
+        coordinators: how many, each with an authority of its own; the further ones are numbered from 2.
     """
 
-    def __init__(self, scenario: Scenario, folder: Path, elsewhere: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self, scenario: Scenario, folder: Path, elsewhere: Mapping[str, str] | None = None, *, coordinators: int = 1
+    ) -> None:
         self._policies = _policies(scenario)
         url = scenario.store.url
         self.store: ModelStore = KuboStore(url) if url else LocalStore(folder / STORE)
@@ -61,6 +64,11 @@ class Consortium:
         self.chain = _open_chain(scenario.chain, folder)
         self._elsewhere = dict(elsewhere or {})
         self.administrator, self.coordinator, self.publisher, self.authority = map(self.account, PARTIES)
+        self._standbys = [
+            (role, f"{party} {number}")
+            for number in range(2, coordinators + 1)
+            for role, party in ((Role.COORDINATOR, "coordinator"), (Role.REPUTATION, "reputation authority"))
+        ]
         settings = Settings.of(scenario.selection, channels=len(self._policies[0].card.maps))
         self.client = IovClient.deploy(self.chain, settings, self.administrator)
 
@@ -70,7 +78,7 @@ class Consortium:
 
     def parties(self) -> dict[str, str]:
         """Name and address of those with a role."""
-        return {name: self.account(name) for name in PARTIES}
+        return {name: self.account(name) for name in (*PARTIES, *(name for _, name in self._standbys))}
 
     @property
     def signer(self) -> Callable[[bytes], tuple[str, bytes]] | None:
@@ -90,12 +98,13 @@ class Consortium:
     def found(self) -> None:
         """Grant the roles, store every policy and register it by its CID."""
         client = self.client
-        roles = {
-            Role.COORDINATOR: self.coordinator,
-            Role.PUBLISHER: self.publisher,
-            Role.REPUTATION: self.authority,
-        }
-        client.execute([client.grant_role(self.administrator, role, account) for role, account in roles.items()])
+        roles = [
+            (Role.COORDINATOR, self.coordinator),
+            (Role.PUBLISHER, self.publisher),
+            (Role.REPUTATION, self.authority),
+            *((role, self.account(name)) for role, name in self._standbys),
+        ]
+        client.execute([client.grant_role(self.administrator, role, account) for role, account in roles])
         calls = []
         for policy in self._policies:
             cid = self.store.put(policy.content)
