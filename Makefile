@@ -9,7 +9,7 @@ INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --progress-b
 PYTEST := $(BIN)/python -m pytest
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-failed check test-browser test-evm test-gpsd test-contracts test-nodes test-hosts test-sumo test-peers test-all nodes peers bench clean
+.PHONY: help setup run test test-failed check test-browser test-evm test-gpsd test-contracts test-nodes test-hosts test-sumo test-peers test-all nodes peers bench docs docs-pictures release-check clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -119,5 +119,20 @@ test-all: check test test-browser test-evm test-gpsd test-contracts test-nodes t
 bench: $(READY) ## every benchmark, one after the other; figures and JSON
 	@for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 
+docs: $(READY) ## build the documentation into site/; broken links and undocumented public names fail
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@echo "site/index.html; with the search: $(BIN)/mkdocs serve"
+
+docs-pictures: $(READY) ## draw the pictures of the docs again: maps, outlook, sequence, deployment, animation (2 minutes)
+	$(BIN)/python tools/site/pictures.py
+
+$(VENV)/release/.ready:
+	@$(PYTHON) -m venv $(VENV)/release
+	@$(VENV)/release/bin/python -m pip install --quiet --disable-pip-version-check build check-wheel-contents twine uv
+	@touch $@
+
+release-check: $(VENV)/release/.ready ## wheel and sdist, installed with the lowest and newest dependencies and used from another folder
+	tools/release-check $(VENV)/release/bin/python
+
 clean: ## remove the environment and what runs left
-	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache
+	rm -rf $(VENV) out site build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

@@ -1,6 +1,8 @@
 """What the docs say of the code is what the code says of itself."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -48,6 +50,18 @@ def test_every_link_leads_somewhere(path):
 def test_every_path_of_the_paper_map_exists():
     for target in re.findall(r"`((?:src|contracts|tests|benchmarks)/[^`]+)`", page("paper-map.md")):
         assert (ROOT / target).exists(), target
+
+
+def _snippets(path):
+    return re.findall(r"^```python\n(.*?)^```", path.read_text(), re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("path", [pytest.param(path, id=path.stem) for path in PAGES if _snippets(path)])
+def test_every_python_snippet_runs(path, tmp_path):
+    # Those of a page one after the other, as a reader would type them.
+    line = [sys.executable, "-c", "\n".join(_snippets(path))]
+    ended = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
 
 
 def _commands():
