@@ -86,13 +86,13 @@ def test_uavs_that_hover_at_the_charging_point_charge(tmp_path, play, run):
 
 @pytest.mark.parametrize(("options", "maps"), [((), ()), (("obstacles",), OBSTACLE_MAPS), (("energy",), ENERGY_MAPS)])
 def test_shipped_policies_fly_where_they_were_trained_for(options, maps):
-    from skyrelay.simulation.consortium import _policies
+    from skyrelay.simulation.consortium import deciders
 
     sets = {
         "obstacles": f"obstacles.buildings={EXAMPLE.parent / 'city-blocks.geojson'}",
         "energy": "energy.charge_per_minute=30",
     }
-    flown = _policies(load_scenario(overrides=[sets[option] for option in options]))
+    flown = deciders(load_scenario(overrides=[sets[option] for option in options]))
     shipped = [Policy.builtin(name).card.maps for name in builtin_policies()]
     some = any(set(maps) <= set(names) for names in shipped)
     for policy in flown:

@@ -29,6 +29,10 @@ def command(
     members: Annotated[
         str, typer.Option("--members", metavar="NAMES", help="Of those in the file, by comma.", show_default="all")
     ] = "",
+    policy: Annotated[
+        str | None,
+        typer.Option("--policy", metavar="MODULE:FUNCTION", help="Own code that the scenario names."),
+    ] = None,
     autopilot: Annotated[
         str | None,
         typer.Option("--autopilot", metavar="URL", help="What flies the one UAV by MAVLink; docs/how-to/autopilot.md."),
@@ -56,6 +60,7 @@ def command(
       skyrelay agent vehicle --config vehicles.toml --members v017,v018
       skyrelay agent uav --config uavs.toml --members u03 --autopilot udp://127.0.0.1:14540 --origin 44.49,11.34
     """
+    from skyrelay.core import plugins
     from skyrelay.pilot.agents import run_agents
     from skyrelay.pilot.config import load_config
     from skyrelay.pilot.geodesy import Frame
@@ -67,6 +72,8 @@ def command(
     if (autopilot is None and gpsd is None) != (origin is None):
         raise UsageError("--origin", origin, "with --autopilot or --gpsd, and only with them")
     frame = None if origin is None else Frame.parse(origin, "--origin")
+    if policy is not None:
+        plugins.allow(policy)
     host = load_config(config, wanted)
     logger = configure(host.name, log_json, level=level)
     with until_terminated(), one_line_for_the_unforeseen(host.name, logger):

@@ -23,6 +23,20 @@ Override = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Replaces a key of the scenario, e.g. --set fleet.uavs=20."),
 ]
+Policy = Annotated[
+    str | None,
+    typer.Option(
+        "--policy",
+        metavar="NAME",
+        help="Who decides: a shipped policy (generalist) or rule (cover, hovering), an ONNX file, module:function.",
+        show_default="the scenario's",
+    ),
+]
+
+
+def flown_by(policy: str | None) -> list[str]:
+    """The override that ``--policy`` stands for."""
+    return [] if policy is None else [f"coordination.policy={json.dumps(policy)}"]
 
 
 def help_alone(context: typer.Context) -> None:

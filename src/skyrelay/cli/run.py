@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skyrelay.cli.options import Force, Json, Out, Override, ScenarioName, Seed, print_result
+from skyrelay.cli.options import Force, Json, Out, Override, Policy, ScenarioName, Seed, flown_by, print_result
 
 if TYPE_CHECKING:
     from skyrelay.core.scenario import Mobility
@@ -19,6 +19,7 @@ def command(
     out: Out = None,
     seed: Seed = None,
     override: Override = None,
+    policy: Policy = None,
     chain: Annotated[
         str | None, typer.Option("--chain", metavar="URL", help="Run on a node instead of the embedded chain.")
     ] = None,
@@ -39,6 +40,7 @@ def command(
       skyrelay run
       skyrelay run city.toml --out runs/city --seed 7
       skyrelay run --set mobility.trace=city.parquet --set fleet.uavs=60 --json
+      skyrelay run --policy cover --out runs/cover
       skyrelay run --chain http://127.0.0.1:8545
       skyrelay run --resume runs/bologna-1
     """
@@ -49,7 +51,7 @@ def command(
     from skyrelay.simulation import play
     from skyrelay.simulation.resume import killed_run
 
-    overrides = [*(override or ()), *([f"chain.url={chain}"] if chain else [])]
+    overrides = [*(override or ()), *([f"chain.url={chain}"] if chain else []), *flown_by(policy)]
     if chain_id is not None:
         overrides.append(f"chain.chain_id={chain_id}")
     killed = None if resume is None else killed_run(resume)
@@ -100,7 +102,8 @@ def lines(s: Mapping[str, Any], folder: Path, mobility: Mobility) -> Iterator[tu
     )
     yield "Bandwidth", f"{_count(s['served_mbps'])} Mbit/s in range ({_count(s['static_served_mbps'])})"
     yield "Chain", f"{s['transactions']:,} transactions, {s['gas_used']:,} gas, {s['blocks']} blocks"
-    yield "Policies", ", ".join(s["model_cids"]) or "none was needed"
+    flown = zip(s["decided_by"], s["model_cids"], strict=True)
+    yield "Decided by", ", ".join(f"the {who} ({cid})" for who, cid in flown) or "nobody: no UAV was selected"
     yield "Time", f"{s['wall_seconds']:.1f} s, {s['chain_seconds']:.1f} s of it on the chain"
     yield "Report", f"{folder / 'report.html'}: open it in a browser"
 

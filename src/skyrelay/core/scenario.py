@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from skyrelay.core import plugins
 from skyrelay.core.errors import ScenarioError
 from skyrelay.core.untrusted import read_json
 
@@ -206,7 +207,9 @@ class Coordination(_Section):
     step_seconds: Annotated[Real, Field(ge=0.01, le=3600)] = Field(2.0, description="[s]")
     period_steps: Annotated[Whole, Field(ge=1, le=100_000)] = Field(20, description="moves between two selections")
     policy: Text = Field(
-        "auto", description="auto: the shipped policies that fit best; or one's name, or the path of an ONNX file"
+        "auto",
+        description="auto: the shipped policies that fit best; or one's name, the path of an ONNX file, a rule's name "
+        "(hovering, cover, ...), or on the command line module:function",
     )
     patience: Annotated[Real, Field(ge=0.01, le=86_400)] = Field(
         10.0, description="a team mate or vehicle whose last beacon is older counts as gone [s]"
@@ -521,6 +524,8 @@ def _override(tree: dict[str, Any], override: str) -> None:
         if not isinstance(tree, dict):
             raise ScenarioError("--set", override, f"a table at {section!r}, not a value")
     tree[last] = value
+    if isinstance(value, str):
+        plugins.allow(value)  # code that is named here is named by the user, not by a file
 
 
 def _suggest(key: str) -> str:

@@ -125,7 +125,8 @@ def make_agents(kind: Kind, config: HostConfig, keyring: Keyring) -> list[Agent]
             for vehicle in config.vehicle
         ]
     if kind == "uav":
-        law, altitude, hangar = config.law(), config.resolved().fleet.altitude, Hangar()
+        scenario = config.resolved()
+        law, altitude, hangar = config.law(), scenario.fleet.altitude, Hangar(scenario)
         return [
             UavAgent(uav.name, keyring.account(uav.name), uav.zone, altitude, uav.bandwidth, law, hangar.load)
             for uav in config.uav

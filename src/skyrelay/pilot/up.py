@@ -18,6 +18,7 @@ from skyrelay.chain.accounts import PASSWORD, Keyring
 from skyrelay.chain.node.chain import NodeChain
 from skyrelay.core.errors import ChainError, UsageError
 from skyrelay.core.files import write_text
+from skyrelay.core.plugins import is_code
 from skyrelay.core.progress import Progress
 from skyrelay.core.resolved import ResolvedScenario
 from skyrelay.core.scenario import Scenario, to_toml
@@ -122,6 +123,8 @@ def up(
         for place in places:
             path = _write_config(place, world, consortium, hosts, url, endpoint, place.kind in elsewhere)
             command = ["agent", place.kind, "--config", str(path)]
+            if place.kind == "uav" and is_code(scenario.coordination.policy):
+                command += ["--policy", scenario.coordination.policy]
             if place.kind in elsewhere:
                 say(f"{place.name:<12} is waited for: skyrelay {' '.join(command)}")
             else:

@@ -102,14 +102,24 @@ class Policy:
         Raises:
             ModelError: it is neither; a name that nearly fits is suggested.
         """
-        path, shipped = Path(model), builtin_policies()
-        if path.suffix or path.name != model or len(model) > 80 or path.exists():
-            return cls.load(path)
-        if model in shipped:
+        shipped = builtin_policies()
+        if model in shipped and not Path(model).exists():
             return cls.builtin(model)
+        if cls.is_named(model):
+            return cls.load(model)
         close = difflib.get_close_matches(model, shipped, n=1)
         known = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(shipped)}"
         raise ModelError("policy", model, f"an ONNX file's path or a shipped policy's name: {known}")
+
+    @staticmethod
+    def is_named(model: str) -> bool:
+        """Whether it is a shipped policy's name, or can only be a file's path."""
+        path = Path(model)
+        if model in builtin_policies():
+            return True
+        if ":" in model and not path.exists():
+            return False  # module:attribute
+        return bool(path.suffix) or path.name != model or len(model) > 80 or path.exists()
 
     @property
     def n(self) -> int:

@@ -7,10 +7,10 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import ParamSpec, TypeVar
 
+from skyrelay.airspace.sight import Sight
 from skyrelay.chain.abi import ContractError, Event
 from skyrelay.chain.chain import Call, Receipt
 from skyrelay.chain.client import IovClient, Model
-from skyrelay.policy import Policy
 from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.calls import to_call
 from skyrelay.protocol.messages import (
@@ -33,7 +33,8 @@ from skyrelay.protocol.messages import (
     Tick,
     ZoneRead,
 )
-from skyrelay.protocol.sight import Sight, decide
+from skyrelay.protocol.rule import Decider, Rule
+from skyrelay.protocol.sight import decide
 from skyrelay.protocol.vehicle import Choice, VehicleAgent
 from skyrelay.protocol.zone_view import ZoneView, read_zone
 from skyrelay.store.cid import Cid
@@ -224,11 +225,13 @@ class Host:
 
     def _decide(self, undecided: Sequence[tuple[Agent, Decide]]) -> None:
         """One run of the network for all UAVs that fly the same policy, each on its own sight."""
-        by_policy: dict[Policy, list[tuple[Agent, Sight]]] = defaultdict(list)
+        by_policy: dict[Decider, list[tuple[Agent, Sight]]] = defaultdict(list)
         for agent, command in undecided:
             by_policy[command.policy].append((agent, command.sight))
         for policy, group in by_policy.items():
-            for (agent, _), action in zip(group, decide(policy, [sight for _, sight in group]), strict=True):
+            sights = [sight for _, sight in group]
+            actions = policy.decide(sights) if isinstance(policy, Rule) else decide(policy, sights)
+            for (agent, _), action in zip(group, actions, strict=True):
                 for wish in agent.receive(Decided(action)):
                     self._carry_out(agent, wish, [], [])
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TypeAlias
 
+from skyrelay.airspace.sight import Sight
 from skyrelay.chain.abi import ContractError, Event
 from skyrelay.chain.client import Model, UavRecord, VehicleRecord
-from skyrelay.policy import Policy
-from skyrelay.protocol.sight import Sight
+from skyrelay.protocol.rule import Decider
 from skyrelay.protocol.zone_view import ZoneView
 from skyrelay.store.cid import Cid
 
@@ -115,7 +115,7 @@ class ModelFetched:
 
 @dataclass(frozen=True, slots=True)
 class Decided:
-    """Answers `Decide`: the action that the policy values most, 0 to 8."""
+    """Answers `Decide`: the action, 0 to 8."""
 
     action: int
 
@@ -259,9 +259,9 @@ class SendBeacon:
 
 @dataclass(frozen=True, slots=True)
 class Decide:
-    """What the policy answers to what the UAV sees."""
+    """What the policy, or the rule, answers to what the UAV sees."""
 
-    policy: Policy
+    policy: Decider
     sight: Sight
 
 

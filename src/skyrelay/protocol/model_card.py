@@ -6,13 +6,14 @@ from skyrelay.airspace.flight import ACTIONS
 from skyrelay.chain.client import Model, ModelCard
 from skyrelay.core.errors import ModelError
 from skyrelay.policy.card import Card
+from skyrelay.protocol.rule import RuleCard
 from skyrelay.store.cid import Cid
 
 UNTESTED = -(2**31) / 1000
 """Score of a policy without an evaluation: below every other."""
 
 
-def chain_card(card: Card) -> ModelCard:
+def chain_card(card: Card | RuleCard) -> ModelCard:
     """What the contract holds of a policy's card; the score is the return of its first evaluation."""
     return ModelCard(
         min_uavs=card.uavs[0],
@@ -38,7 +39,7 @@ def address_of(model: Model) -> Cid:
     return Cid.from_bytes(model.cid, f"model {model.model_id}")
 
 
-def require_same_card(model: Model, card: Card) -> None:
+def require_same_card(model: Model, card: Card | RuleCard) -> None:
     """Check that a file's card says what the contract's does.
 
     Raises:

@@ -1,42 +1,16 @@
-"""What one UAV sees when it decides, and how UAVs of one process that see the same team have it worked out at once."""
+"""How UAVs of one process that see the same team have their policy's answers worked out at once."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from skyrelay.airspace.law import Law
 from skyrelay.airspace.observation import Scene
+from skyrelay.airspace.sight import Position, Sight
 from skyrelay.policy import Policy
-
-Position = tuple[float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class Sight:
-    """What a UAV knows at the moment of its decision.
-
-    Attributes:
-        law: of the area.
-        zone: that it flies in.
-        own: its position [m].
-        team: where its team mates were last [m].
-        margins: how much nearer than the range each link has to be held, for what is not known of the mate [m].
-        vehicles: where its own vehicles were last [m].
-        battery: its own [0-100].
-    """
-
-    law: Law
-    zone: int
-    own: Position
-    team: tuple[Position, ...]
-    margins: tuple[float, ...]
-    vehicles: tuple[Position, ...]
-    battery: float
 
 
 def decide(policy: Policy, sights: Sequence[Sight]) -> list[int]:

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 from skyrelay.airspace.law import Law
+from skyrelay.airspace.sight import Sight
 from skyrelay.chain.abi import Event
 from skyrelay.chain.client import Model, UavRecord
-from skyrelay.policy import Policy
 from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.messages import (
     Beacon,
@@ -32,8 +32,8 @@ from skyrelay.protocol.messages import (
     UpdateUav,
 )
 from skyrelay.protocol.model_card import address_of, require_same_card
+from skyrelay.protocol.rule import Decider
 from skyrelay.protocol.sequence import UAV, Machine, UavMessage, UavState
-from skyrelay.protocol.sight import Sight
 from skyrelay.store.cid import Cid
 
 
@@ -47,7 +47,7 @@ class UavAgent(Agent):
         altitude: [m].
         bandwidth: that it offers in a period [kbit/s].
         law: of the area that it flies in.
-        load: from a policy file's bytes to a policy that has been checked to fit.
+        load: from a policy file's bytes, or a rule's card, to what decides, checked to fit.
     """
 
     HEARS: ClassVar[frozenset[str]] = frozenset({"UAVAllocated", "UAVZoneUpdated", "ModelAssigned", "ZoneListsReset"})
@@ -60,11 +60,11 @@ class UavAgent(Agent):
         altitude: float,
         bandwidth: int,
         law: Law,
-        load: Callable[[bytes], Policy],
+        load: Callable[[bytes], Decider],
     ) -> None:
         super().__init__(name, address)
         self.machine = Machine(f"UAV {name}", UAV, UavState.NEW)
-        self.policy: Policy | None = None
+        self.policy: Decider | None = None
         self._station, self._altitude, self._bandwidth = zone, altitude, bandwidth
         self._law, self._load = law, load
         self._zone = 0
@@ -75,6 +75,7 @@ class UavAgent(Agent):
         self._vehicles: Sequence[str] = ()
         self._team: set[str] = set()
         self._beacons: dict[str, Beacon] = {}
+        self._decisions = 0  # since it was last selected
 
     @property
     def state(self) -> UavState:
@@ -132,7 +133,10 @@ class UavAgent(Agent):
                 return self._beacon(tick.time)
             case Phase.DECIDE if self.state is UavState.FLYING and self.policy is not None:
                 place = self._fix.position  # without one it hovers: it may be anywhere
-                return () if place is None else (Decide(self.policy, self._sight(place, tick.time)),)
+                if place is None:
+                    return ()
+                self._decisions += 1
+                return (Decide(self.policy, self._sight(place, tick.time)),)
         return ()
 
     def _report(self, kind: type[RegisterUav | UpdateUav], zone: int = 0) -> Sequence[Command]:
@@ -200,6 +204,7 @@ class UavAgent(Agent):
         require_same_card(model, self.policy.card)
         if self.state is UavState.SELECTED:
             self.machine.advance(UavMessage.MODEL_VERIFIED)
+            self._decisions = 0
         return ()
 
     # The flight
@@ -216,7 +221,7 @@ class UavAgent(Agent):
         """
         team = [
             (beacon.position, self._law.speed * max(now - beacon.time, 0.0))
-            for beacon in self._last_of(self._team, now)
+            for beacon in self._last_of(sorted(self._team), now)
             if beacon.position is not None
         ]
         return Sight(
@@ -229,9 +234,11 @@ class UavAgent(Agent):
                 beacon.position for beacon in self._last_of(self._vehicles, now) if beacon.position is not None
             ),
             battery=self._fix.battery,
+            uav=self.name,
+            decisions=self._decisions - 1,
         )
 
-    def _last_of(self, members: Sequence[str] | set[str], now: float) -> list[Beacon]:
+    def _last_of(self, members: Sequence[str], now: float) -> list[Beacon]:
         """The last beacons of members that still count."""
         beacons = (self._beacons[member] for member in members if member in self._beacons)
         return [beacon for beacon in beacons if now - beacon.time <= self._law.patience]

@@ -76,12 +76,20 @@ def sentence(run: Run) -> str:
     if summary.in_range is None or summary.static_in_range is None:
         return start
     middle = (
-        f" Flying a learned policy, the UAVs keep {_count(summary.in_range)} of them in range "
+        f" Flying {_flown(summary)}, the UAVs keep {_count(summary.in_range)} of them in range "
         f"({_count(summary.static_in_range)} if the fleet hovered and chose from where it hovers)"
     )
     if summary.connectivity is None:
         return f"{start}{middle}."
     return f"{start}{middle} and their teams linked {_percent(summary.connectivity)} of the time."
+
+
+def _flown(summary: Summary) -> str:
+    """Who decided; a record without it is of a version that flew learned policies only."""
+    names = summary.decided_by
+    if all(name.startswith("policy ") for name in names):
+        return "a learned policy"
+    return "the " + " and the ".join(names).replace("rule hovering", "rule that hovers")
 
 
 def _tiles(summary: Summary) -> str:
@@ -128,6 +136,7 @@ def _about(run: Run) -> str:
                 f"computed in {summary.wall_seconds:.1f} s, {summary.chain_seconds:.1f} s of it on the chain"
             ],
         ),
+        ("Decided by", summary.decided_by),
         ("Policies (CID)", summary.model_cids),
         ("Contract", [summary.contract]),
         ("Chain head", [summary.chain_head]),

@@ -188,6 +188,7 @@ class Summary(BaseModel):
     contract: Text
     chain_url: Text | None
     model_cids: Annotated[list[Text], Field(max_length=10_000)]
+    decided_by: list[Text] = Field([], max_length=10_000, description="policy or rule that each CID names")
     range_m: Positive
     step_seconds: Positive
     period_steps: Annotated[int, Field(ge=1)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
 
@@ -13,10 +13,12 @@ from skyrelay.chain.client import IovClient, Role, Settings
 from skyrelay.chain.embedded.chain import EmbeddedChain
 from skyrelay.chain.node.chain import NodeChain
 from skyrelay.chain.proof.root import TrustRoot
+from skyrelay.core.errors import ModelError
 from skyrelay.core.scenario import Chain as ChainConfig
 from skyrelay.core.scenario import Scenario
 from skyrelay.policy import Policy, builtin_policies
 from skyrelay.protocol.model_card import chain_card
+from skyrelay.protocol.rule import MARK, Decider, Rule
 from skyrelay.runfolder.folder import CHAIN, STORE
 from skyrelay.store.cid import Cid
 from skyrelay.store.kubo import KuboStore
@@ -27,17 +29,28 @@ PARTIES = ("administrator", "coordinator", "publisher", "reputation authority")
 
 
 class Hangar:
-    """Loads policies; UAVs that were given the same file share one, as all of them are in this process."""
+    """Loads policies; UAVs that were given the same file share one, as all of them are in this process.
 
-    def __init__(self) -> None:
+    Args:
+        scenario: whose rule, if it names one, the UAVs here have on board: no rule's code comes from a store.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
         self._policies: dict[bytes, Policy] = {}
+        self._rules = [decider for decider in deciders(scenario) if isinstance(decider, Rule)]
 
-    def load(self, data: bytes) -> Policy:
-        """A checked policy from a file's bytes.
+    def load(self, data: bytes) -> Decider:
+        """A checked policy from a file's bytes; or the rule that they are the card of.
 
         Raises:
-            ModelError: the card or the network does not fit a UAV.
+            ModelError: the card or the network does not fit a UAV, or the rule here is another.
         """
+        for rule in self._rules:
+            if rule.content == data:
+                return rule
+        if data.startswith(MARK):
+            own = ", ".join(rule.content.decode() for rule in self._rules) or "none"
+            raise ModelError("policy", data[:200].decode(errors="replace"), f"the rule of this host: {own}")
         digest = hashlib.sha256(data).digest()
         if digest not in self._policies:
             self._policies[digest] = Policy.load(data)
@@ -57,10 +70,11 @@ class Consortium:
     def __init__(
         self, scenario: Scenario, folder: Path, elsewhere: Mapping[str, str] | None = None, *, coordinators: int = 1
     ) -> None:
-        self._policies = _policies(scenario)
+        self._deciders = deciders(scenario)
+        self._names: dict[str, str] = {}
         url = scenario.store.url
         self.store: ModelStore = KuboStore(url) if url else LocalStore(folder / STORE)
-        self.hangar = Hangar()
+        self.hangar = Hangar(scenario)
         self.chain = _open_chain(scenario.chain, folder)
         self._elsewhere = dict(elsewhere or {})
         self.administrator, self.coordinator, self.publisher, self.authority = map(self.account, PARTIES)
@@ -69,7 +83,7 @@ class Consortium:
             for number in range(2, coordinators + 1)
             for role, party in ((Role.COORDINATOR, "coordinator"), (Role.REPUTATION, "reputation authority"))
         ]
-        settings = Settings.of(scenario.selection, channels=len(self._policies[0].card.maps))
+        settings = Settings.of(scenario.selection, channels=len(self._deciders[0].card.maps))
         self.client = IovClient.deploy(self.chain, settings, self.administrator)
 
     def account(self, name: str) -> str:
@@ -106,10 +120,15 @@ class Consortium:
         ]
         client.execute([client.grant_role(self.administrator, role, account) for role, account in roles])
         calls = []
-        for policy in self._policies:
-            cid = self.store.put(policy.content)
-            calls.append(client.register_model(self.publisher, bytes(cid), chain_card(policy.card)))
+        for decider in self._deciders:
+            cid = self.store.put(decider.content)
+            self._names[str(cid)] = ("rule " if isinstance(decider, Rule) else "policy ") + decider.card.name
+            calls.append(client.register_model(self.publisher, bytes(cid), chain_card(decider.card)))
         client.execute(calls)
+
+    def decided(self, cids: Iterable[str]) -> list[str]:
+        """What each of these CIDs names: a policy or a rule."""
+        return [self._names[cid] for cid in cids]
 
     def cid_of_model(self, model_id: str) -> Cid:
         """The CID that the contract holds for a model."""
@@ -134,13 +153,19 @@ def _open_chain(config: ChainConfig, folder: Path) -> EmbeddedChain | NodeChain:
     return NodeChain(urls, keyring, chain_id=config.chain_id, root=root, confirmations=config.confirmations)
 
 
-def _policies(scenario: Scenario) -> list[Policy]:
+def deciders(scenario: Scenario) -> list[Policy] | list[Rule]:
     """The one of that name or path; or the shipped ones that look at all that this run can show, or nearest to it.
 
     Policies that look at maps which the run does not have are left out: they were trained for other games.
+
+    Raises:
+        UsageError, ModelError: there is no policy and no rule of that name, or it cannot be loaded.
     """
-    if scenario.coordination.policy != "auto":
-        return [Policy.named(scenario.coordination.policy)]
+    name = scenario.coordination.policy
+    if name != "auto":
+        if Policy.is_named(name):
+            return [Policy.named(name)]
+        return [Rule.named(name, scenario.seed, ["auto", *builtin_policies()])]
     buildings, charging = bool(scenario.obstacles.buildings), scenario.energy.charge_per_minute > 0
     has = map_names(obstacles=buildings, energy=charging, tells_range=True, outlook=True)
     shipped = [Policy.builtin(name) for name in builtin_policies()]

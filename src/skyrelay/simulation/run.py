@@ -17,12 +17,12 @@ from skyrelay.core.files import write_text
 from skyrelay.core.progress import Progress
 from skyrelay.core.scenario import Scenario, to_toml
 from skyrelay.net.http import public_address
-from skyrelay.policy import Policy
 from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.authority import ReputationAuthority
 from skyrelay.protocol.coordinator import ZoneCoordinator
 from skyrelay.protocol.host import Host
 from skyrelay.protocol.messages import Fix, Phase, Tick
+from skyrelay.protocol.rule import Decider
 from skyrelay.protocol.uav import UavAgent
 from skyrelay.protocol.vehicle import Choice, VehicleAgent
 from skyrelay.protocol.zone_view import ZoneView
@@ -111,7 +111,7 @@ def play(
     return summary
 
 
-def world_agents(world: World, account: Callable[[str], str], load: Callable[[bytes], Policy]) -> list[Agent]:
+def world_agents(world: World, account: Callable[[str], str], load: Callable[[bytes], Decider]) -> list[Agent]:
     """An agent for every member and party of a world; ``account`` gives the address of a name."""
     scenario, fleet = world.scenario, world.fleet
     addresses = world.addresses(account)
@@ -285,7 +285,9 @@ class Run:
         accounts = {"party": consortium.parties(), "vehicle": self.vehicles, "uav": self.uavs}
         self.written.streets(self.world.streets)
         self.written.write(folder, self.events, accounts)
-        summary = self.summary() | {
+        summary = self.summary()
+        summary |= {
+            "decided_by": consortium.decided(summary["model_cids"]),
             "blocks": consortium.chain.block_number,
             "chain_head": consortium.head,
             "contract": consortium.client.address,
