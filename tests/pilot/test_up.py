@@ -1,9 +1,15 @@
 """`skyrelay up`: real processes, a chain behind HTTP, a real bus; what comes out is what one process gives."""
 
 import re
+import shutil
 import subprocess
 
+import pytest
 from town_of_processes import decided, sets, skyrelay
+from typer.testing import CliRunner
+
+from skyrelay.cli.main import app
+from skyrelay.core.errors import SkyRelayError, UsageError
 
 
 def test_processes_in_lock_step_decide_what_one_process_decides(run_folder, tmp_path):
@@ -18,3 +24,20 @@ def test_processes_in_lock_step_decide_what_one_process_decides(run_folder, tmp_
     assert not list((tmp_path / "up-hosts").glob("*.keystore"))
     audit = skyrelay("audit", tmp_path / "up", stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     assert audit.wait(120) == 0, audit.stdout.read()
+
+
+@pytest.mark.parametrize(
+    ("option", "wanted"), [(["--kubo"], "Kubo's ipfs on PATH"), (["--validators", "4"], "GoQuorum on PATH")]
+)
+def test_a_node_program_that_is_not_there_is_told_with_what_to_do(tmp_path, monkeypatch, option, wanted):
+    monkeypatch.setattr(shutil, "which", lambda *_, **__: None)
+    told = CliRunner().invoke(app, ["up", "--out", str(tmp_path / "up"), *option], standalone_mode=False)
+    assert isinstance(told.exception, SkyRelayError)
+    assert wanted in str(told.exception)
+    assert "make nodes" in str(told.exception)
+
+
+def test_a_node_beside_another_is_refused(tmp_path):
+    store = ["--set", "store.url=http://127.0.0.1:5001"]
+    told = CliRunner().invoke(app, ["up", "--out", str(tmp_path / "up"), "--kubo", *store], standalone_mode=False)
+    assert isinstance(told.exception, UsageError)

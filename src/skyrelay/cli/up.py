@@ -26,6 +26,13 @@ def command(
     chain: Annotated[
         str | None, typer.Option("--chain", metavar="URL", help="Use a node instead of a chain server of its own.")
     ] = None,
+    validators: Annotated[
+        int,
+        typer.Option(
+            "--validators", min=0, max=32, metavar="N", help="Use a chain of N GoQuorum validators.", show_default=False
+        ),
+    ] = 0,
+    kubo: Annotated[bool, typer.Option("--kubo", help="Use a Kubo node as the store.")] = False,
     address: Annotated[
         str, typer.Option("--address", metavar="IP", help="Of this machine, where chain and bus are reached.")
     ] = "127.0.0.1",
@@ -70,10 +77,11 @@ def command(
     Examples:
       skyrelay up
       skyrelay up bologna --set coordination.steps=40
+      skyrelay up --validators 4 --kubo
     """
     from skyrelay.cli.progress import ShownProgress
     from skyrelay.core.scenario import load_scenario
-    from skyrelay.pilot.up import new_hosts_folder, up
+    from skyrelay.pilot.up import Nodes, new_hosts_folder, up
     from skyrelay.report import write_figures, write_report
     from skyrelay.runfolder import new_run_folder
 
@@ -108,6 +116,7 @@ def command(
             standby=standby,
             wait=wait,
             speed=speed,
+            nodes=Nodes(validators, target.with_name(f"{target.name}-devnet"), force, kubo),
         )
     if as_json:
         print_result(summary, as_json)

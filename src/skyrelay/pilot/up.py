@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import tomli_w
@@ -22,8 +23,10 @@ from skyrelay.core.plugins import is_code
 from skyrelay.core.progress import Progress
 from skyrelay.core.resolved import ResolvedScenario
 from skyrelay.core.scenario import Scenario, to_toml
+from skyrelay.net.http import public_address
 from skyrelay.pilot.bus import Bus
 from skyrelay.pilot.lockstep import RemoteHosts
+from skyrelay.pilot.nodes import kubo, kubo_program, validators
 from skyrelay.pilot.processes import Children
 from skyrelay.runfolder.folder import CHAIN, SCENARIO
 from skyrelay.runfolder.manifest import write_manifest
@@ -59,6 +62,57 @@ class Place:
         return {name: self.keyring.account(name) for name in names}
 
 
+@dataclass(frozen=True)
+class Nodes:
+    """Node programs that are started with the agents.
+
+    Attributes:
+        validators: of a consortium's chain; 0 for a chain server of our own.
+        folder: of their chain, which stays.
+        replace: the chain of an earlier run that is there.
+        kubo: a Kubo node as the store.
+    """
+
+    validators: int = 0
+    folder: Path = Path("devnet")
+    replace: bool = False
+    kubo: bool = False
+
+    def __bool__(self) -> bool:
+        return self.kubo or self.validators > 0
+
+    @contextmanager
+    def started(self, scenario: Scenario, say: Callable[[str], None], address: str) -> Iterator[Scenario]:
+        """Start them; gives the scenario with where they are reached.
+
+        Raises:
+            UsageError: the scenario names such a node already, or other machines are to reach one of these.
+            ChainError, StoreError: a node program is not there, or does not run.
+        """
+        for option, wanted, named in (
+            ("--validators", self.validators, scenario.chain.url),
+            ("--kubo", self.kubo, scenario.store.url),
+        ):
+            if wanted and named:
+                raise UsageError(option, None, f"no other node named, as {public_address(named)} is")
+            if wanted and address != LOOPBACK:
+                raise UsageError(
+                    option, f"beside --address {address}", f"hosts on {LOOPBACK}, where such a node answers"
+                )
+        with ExitStack() as stack:
+            if self.kubo:
+                kubo_program()  # what is missing is told before anything runs
+            changed: dict[str, Any] = {}
+            if self.validators:
+                urls = stack.enter_context(validators(self.folder, self.validators, say, replace=self.replace))
+                changed["chain"] = scenario.chain.model_copy(update={"url": ",".join(urls)})
+            if self.kubo:
+                home = Path(stack.enter_context(TemporaryDirectory(prefix="skyrelay-kubo-"))) / "repository"
+                url = stack.enter_context(kubo(home, say))
+                changed["store"] = scenario.store.model_copy(update={"url": url})
+            yield scenario.model_copy(update=changed)
+
+
 def up(
     scenario: Scenario,
     folder: Path,
@@ -74,6 +128,7 @@ def up(
     standby: float = 5.0,
     wait: float = 30.0,
     speed: float | None = None,
+    nodes: Nodes = Nodes(),
 ) -> dict[str, Any]:
     """Start all of it, play the scenario in lock-step, and leave a run folder as `skyrelay.simulation.play` does.
 
@@ -89,18 +144,22 @@ def up(
         standby: how long each leaves the ones before it to act [s].
         wait: how long the world stands still for a host that does not answer [s].
         speed: seconds of the world's clock to one of the wall's, at most; None as fast as the hosts can.
+        nodes: the real node programs in place of our own parts.
     Returns: the summary, as in ``summary.json``.
     Raises:
-        TraceError, ModelError, StoreError, ChainError, BusError: naming what was wrong with what.
+        UsageError, TraceError, ModelError, StoreError, ChainError, BusError: naming what was wrong with what.
     """
     begin = time.monotonic()
-    progress.stage("Vehicles", 1)
-    world = World.of(scenario)
-    write_text(hosts / "scenario.toml", to_toml(without_credentials(world.scenario)))
-    progress.stage("Chain and keys", 1)
-    password = os.environ.get(PASSWORD) or secrets.token_urlsafe(32)
-    token = secrets.token_urlsafe(32)
     with ExitStack() as stack:
+        if nodes:
+            progress.stage("Node programs", 1)
+        scenario = stack.enter_context(nodes.started(scenario, say, address))
+        progress.stage("Vehicles", 1)
+        world = World.of(scenario)
+        write_text(hosts / "scenario.toml", to_toml(without_credentials(world.scenario)))
+        progress.stage("Chain and keys", 1)
+        password = os.environ.get(PASSWORD) or secrets.token_urlsafe(32)
+        token = secrets.token_urlsafe(32)
         endpoint = f"tcp/{address}:{free_port(address)}"
         bus = stack.enter_context(Bus("world", listen=[endpoint]))  # left last: who ends takes leave of it
         children = stack.enter_context(Children(hosts, {PASSWORD: password, TOKEN: token}, say))

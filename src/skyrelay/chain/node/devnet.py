@@ -248,6 +248,17 @@ class Devnet:
         process.kill()
         process.wait()
 
+    def pid(self, index: int) -> int:
+        """Of the process of validator ``index``, which runs."""
+        return self._processes[index].pid
+
+    def ended(self) -> list[int]:
+        """The validators that have died by themselves since this was last called; `restart` starts them again."""
+        dead = [index for index, process in self._processes.items() if process.poll() is not None]
+        for index in dead:
+            del self._processes[index]
+        return dead
+
     def restart(self, index: int) -> None:
         """Start validator ``index`` again, and return when it has caught up with the network and sees new blocks.
 
