@@ -22,8 +22,17 @@ def carried(demand, owner, efficiency, spectrum=1e6, available=ROOMY):
 
 
 def test_the_disc_carries_the_demand_of_who_is_in_range():
-    demand, covered = np.array([1000, 2000, 3000]), np.array([True, False, True])
-    np.testing.assert_array_equal(service.in_disc(demand, covered), [1000, 0, 3000])
+    demand, covered = np.array([1000.0, 2000.0, 3000.0]), np.array([True, False, True])
+    owner = np.array([0, 0, 1])
+    np.testing.assert_array_equal(service.in_disc(demand, owner, covered, ROOMY), [1000, 0, 3000])
+
+
+def test_the_disc_shares_the_bandwidth_of_a_uav_that_promised_more_than_it_has():
+    demand, covered = np.array([1000.0, 3000.0, 500.0]), np.array([True, True, True])
+    found = service.in_disc(demand, np.array([0, 0, 1]), covered, np.array([1000.0, 0.0]))
+    np.testing.assert_allclose(found, [250, 750, 0])
+    compiled = service.in_disc(*map(jnp.asarray, (demand, np.array([0, 0, 1]), covered, np.array([1000.0, 0.0]))))
+    np.testing.assert_allclose(compiled, found)
 
 
 def test_a_radio_that_is_wide_enough_carries_all():

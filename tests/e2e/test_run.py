@@ -69,6 +69,18 @@ def test_the_figures_follow_from_the_tables(small_run):
         series = (mbps * vehicles[kind]).groupby(vehicles.step).sum()
         assert metrics[metrics.zone == 0].set_index("step")[name].to_numpy() == pytest.approx(series.to_numpy())
         assert summary(small_run)[name] == pytest.approx(series[1:].mean(), abs=1e-5)
+    for kind in ("", "static_"):
+        for what in ("carried", "delivered"):
+            series = vehicles.groupby("step")[f"{kind}{what}_kbps"].sum() / 1000
+            column = metrics[metrics.zone == 0].set_index("step")[f"{kind}{what}_mbps"]
+            assert column.to_numpy() == pytest.approx(series.to_numpy())
+            share = (
+                vehicles[vehicles.step > 0][f"{kind}{what}_kbps"].sum() / vehicles[vehicles.step > 0].demand_kbps.sum()
+            )
+            assert summary(small_run)[f"{kind}{what}_share"] == pytest.approx(share, abs=1e-6)
+    sums = vehicles[vehicles.step > 0].groupby("vehicle")[["demand_kbps", "delivered_kbps"]].sum()
+    got = sums.delivered_kbps / sums.demand_kbps
+    assert summary(small_run)["fairness"] == pytest.approx(got.sum() ** 2 / (len(got) * (got**2).sum()), abs=1e-6)
     accepted = proposals[proposals.accepted]
     assert summary(small_run)["mean_qou"] == pytest.approx(accepted.qou.mean(), abs=1e-6)
     assert summary(small_run)["served"] == accepted.vehicle.nunique()

@@ -16,7 +16,12 @@ from skyrelay.runfolder.figures import over_the_run
 
 METRICS = (
     "step time zone connected vehicles covered coverage connectivity connectivity_neighbor served_mbps energy_percent "
-    "static_vehicles static_covered static_coverage static_connectivity static_served_mbps"
+    "static_vehicles static_covered static_coverage static_connectivity static_served_mbps "
+    "demand_mbps carried_mbps delivered_mbps static_carried_mbps static_delivered_mbps"
+)
+VEHICLES = (
+    "step vehicle x y zone uav covered static_uav static_covered "
+    "demand_kbps carried_kbps delivered_kbps static_carried_kbps static_delivered_kbps"
 )
 
 Tracks = dict[str, dict[int, tuple[float, float]]]
@@ -109,7 +114,9 @@ def write_run_folder(
         for name, (x, y) in here.items():
             pair = [fleet[o[name]] if name in o else "" for o in (owner, static_owner)]
             shown = (covered.get(name, False), static_covered.get(name, False))
-            vehicle_rows.append((step, name, x, y, zones[name], pair[0], shown[0], pair[1], shown[1]))
+            rates = [float(demand[name] * inside) for inside in shown for _ in ("carried", "delivered")]
+            place = (step, name, x, y, zones[name], pair[0], shown[0], pair[1], shown[1])
+            vehicle_rows.append((*place, demand[name], *rates))
         for uav, name in enumerate(fleet):
             flown = (*position[uav], int(zone[uav]), bool(selected[uav]), battery[uav], 0)
             hovered = (*hovering[uav], int(hovering_zone[uav]), bool(static_selected[uav]))
@@ -128,15 +135,17 @@ def write_run_folder(
                 for values in (linked, neighbor, static_linked)
             ]
             served_mbps = sum(demand[name] for name in mine if covered[name]) / 1000
+            static_mbps = sum(demand[name] for name in static_mine if static_covered[name]) / 1000
+            asked = sum(demand[name] for name in here if one in (0, zones[name])) / 1000
             metric_rows.append((
                 step, step * 2.0, one, sum(one in (0, zones[name]) for name in here), len(mine), inside,
                 inside / len(mine) if mine else 1.0, links[0], links[1], served_mbps, float(battery.mean()),
                 len(static_mine), static_inside, static_inside / len(static_mine) if static_mine else 1.0, links[2],
-                sum(demand[name] for name in static_mine if static_covered[name]) / 1000,
+                static_mbps, asked, served_mbps, served_mbps, static_mbps, static_mbps,
             ))  # fmt: skip
 
     path.mkdir(parents=True, exist_ok=True)
-    _write(path / "vehicles.parquet", vehicle_rows, "step vehicle x y zone uav covered static_uav static_covered")
+    _write(path / "vehicles.parquet", vehicle_rows, VEHICLES)
     _write(
         path / "uavs.parquet", uav_rows,
         "step uav x y zone selected battery action static_x static_y static_zone static_selected",
@@ -162,7 +171,7 @@ def write_run_folder(
         "served": len({row[3] for row in proposal_rows if row[9]}),
         "served_per_period": 20.0, "static_served_per_period": 20.0, "uavs_retired": 1, "chain_url": None,
         "mean_qou": float(np.mean([row[5] for row in proposal_rows])), "mean_qov": 58.4,
-        **over_the_run({name: np.array([row[i] for row in metric_rows]) for i, name in enumerate(METRICS.split())}),
+        **over_the_run(_columns(METRICS, metric_rows), _columns(VEHICLES, vehicle_rows)),
         "transactions": len(event_rows), "gas_used": len(event_rows) * 81_234, "blocks": block,
         "chain_seconds": 3.2, "wall_seconds": 17.8,
         "model_cids": ["bafkreigh2akiscaildcqabsyg3dfr6chu3fgpregiymsck7e7aqa4s52zy"],
@@ -210,6 +219,10 @@ def _neighbors(points: npt.NDArray[np.float64], reach: float) -> float:
     """1 where every UAV has another one in range."""
     apart = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1))
     return float(len(points) < 2 or bool((np.sum(apart <= reach, axis=1) > 1).all()))
+
+
+def _columns(names: str, rows: list[tuple]) -> dict[str, npt.NDArray]:
+    return {name: np.array([row[i] for row in rows]) for i, name in enumerate(names.split())}
 
 
 def _write(path: Path, rows: list[tuple], columns: str) -> None:

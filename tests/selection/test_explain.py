@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from skyrelay.cli import explain as command
 from skyrelay.core.errors import RunFolderError, SelectionError, UsageError
-from skyrelay.core.scenario import Scenario, to_toml
+from skyrelay.core.scenario import Coordination, Scenario, to_toml
 from skyrelay.core.scenario import Selection as Settings
 from skyrelay.runfolder.reader import read_rows, read_scenario
 from skyrelay.runfolder.schema import SCHEMAS
@@ -20,11 +20,14 @@ from skyrelay.selection import qou, select
 from skyrelay.selection.explain import explain as explain_tables
 
 SCORE_UNIT = 1e-12
-TABLES = ("proposals", "candidates", "fleet", "members")
+TABLES = ("proposals", "candidates", "fleet", "members", "vehicles")
+PERIOD_STEPS = 2
 
 
 def explain(folder, vehicle, period=None):
-    return explain_tables(**{name: read_rows(folder, name) for name in TABLES}, vehicle=vehicle, period=period)
+    tables = {name: read_rows(folder, name) for name in TABLES[:-1]}
+    steps = read_rows(folder, "vehicles", vehicle=vehicle)
+    return explain_tables(**tables, steps=steps, vehicle=vehicle, period_steps=PERIOD_STEPS, period=period)
 
 
 def reason(folder, told):
@@ -32,7 +35,10 @@ def reason(folder, told):
 
 
 def write_run(folder, periods, rounds=1, rule=None):
-    """The four tables and the scenario that a run folder has, of one selection for each period."""
+    """The tables and the scenario that a run folder has, of one selection for each period.
+
+    At every second step nobody is in range; who is has half of what it asks for, and half of that is delivered.
+    """
     rule = rule or Settings()
     tables = {name: [] for name in TABLES}
     results = []
@@ -98,10 +104,21 @@ def write_run(folder, periods, rounds=1, rule=None):
             }
             for v in range(len(vehicles))
         ]
+        nobody = {"uav": "", "static_uav": "", "static_covered": False, "static_carried_kbps": 0.0}
+        for step in range(period * PERIOD_STEPS + 1, (period + 1) * PERIOD_STEPS + 1):
+            for v, demand in enumerate(vehicles.demand.tolist()):
+                u = int(chosen.assignment[v])
+                covered = u >= 0 and step % 2 == 0
+                got = {"covered": covered, "carried_kbps": demand / 2 * covered, "delivered_kbps": demand / 4 * covered}
+                row = nobody | {"step": step, "vehicle": vehicles.ids[v], "x": 0.0, "y": 0.0, "zone": 1} | got
+                by = {"uav": uavs.ids[u] if u >= 0 else "", "demand_kbps": int(demand), "static_delivered_kbps": 0.0}
+                tables["vehicles"].append(row | by)
     folder.mkdir(exist_ok=True)
     for name, rows in tables.items():
         pq.write_table(pa.Table.from_pylist(rows, SCHEMAS[name]), folder / f"{name}.parquet")
-    (folder / "scenario.toml").write_text(to_toml(Scenario(selection=rule.model_copy(update={"rounds": rounds}))))
+    flight = Coordination(period_steps=PERIOD_STEPS)
+    settings = rule.model_copy(update={"rounds": rounds})
+    (folder / "scenario.toml").write_text(to_toml(Scenario(selection=settings, coordination=flight)))
     return results
 
 
@@ -154,6 +171,17 @@ def test_a_demand_above_the_uavs_whole_bandwidth(tmp_path):
     assert reason(tmp_path / "run", told) == "Not served: it asks 6.000 Mbit/s, more than u0 has at all (5.000 Mbit/s)."
 
 
+def test_what_a_vehicle_had_and_why(tmp_path):
+    told = one(tmp_path, vehicles_at([0]), uavs_at([0]))
+    assert command.had(told) == (
+        "It had 0.500 Mbit/s of the 2.000 Mbit/s it asks, on average, because it was in range of u0 at 1 of 2 steps, "
+        "whose radio held less than it asks for at 1 of them, and 0.250 Mbit/s of it reached a gateway."
+    )
+    assert command.had(one(tmp_path, vehicles_at([0]), uavs_at([9000]))) == (
+        "It had 0 Mbit/s, because no UAV served it."
+    )
+
+
 def test_nobody_in_reach(tmp_path):
     told = one(tmp_path, vehicles_at([0]), uavs_at([5000]))
     why = "the nearest of 1 UAV of its zone, u0, is 5,000 m away, beyond selection.max_distance (3,000 m)"
@@ -188,11 +216,11 @@ def test_a_vehicle_that_never_was_is_refused_with_a_suggestion(tmp_path):
 
 def test_tables_that_contradict_each_other_are_refused(tmp_path):
     write_run(tmp_path / "run", [drawn(1, vehicles=12, uavs=3)])
-    tables = {name: read_rows(tmp_path / "run", name) for name in TABLES}
+    tables = {name: read_rows(tmp_path / "run", name) for name in TABLES[:-1]}
     asked = tables["proposals"][0]
     tables["fleet"] = [row for row in tables["fleet"] if row["uav"] != asked["uav"]]
     with pytest.raises(SelectionError, match=f"proposals: uav: is '{asked['uav']}'; expected a UAV of the fleet"):
-        explain_tables(**tables, vehicle=asked["vehicle"])
+        explain_tables(**tables, steps=[], vehicle=asked["vehicle"], period_steps=PERIOD_STEPS)
 
 
 @pytest.mark.parametrize("name", ["scenario.toml", "proposals.parquet", "candidates.parquet", "fleet.parquet"])
@@ -221,4 +249,5 @@ def test_the_command_prints_the_same_as_the_call(tmp_path):
     assert printed.stdout.strip() == command.to_text(told, Settings())
     parsed = json.loads(CliRunner().invoke(app, [str(tmp_path / "run"), "--vehicle", "v3", "--json"]).stdout)
     assert parsed["reason"] == reason(tmp_path / "run", told)
+    assert parsed["had"] == command.had(told)
     assert len(parsed["candidates"]) == len(told.candidates)

@@ -19,15 +19,19 @@ LARGEST = 2**31 - 1
 """Of a capacity and of a flow [kbit/s]: the solver counts in 32 bits."""
 
 
-def in_disc(demand: Any, covered: Any) -> Any:
-    """[..., V] what is carried where the radio is the paper's disc: the demand of who is in range, and nothing else.
+def in_disc(demand: Any, owner: Any, covered: Any, available: Any) -> Any:
+    """[..., V] what is carried where the radio is the paper's disc [kbit/s]: what was accepted, for who is in range.
+
+    Where those in range were promised more than their UAV has, each gets the same share of it.
 
     Args:
-        demand: [..., V] [kbit/s].
+        demand, owner, available: as in `carried`.
         covered: [..., V] of `skyrelay.airspace.flight.served`.
     """
     xp = demand.__array_namespace__()
-    return xp.where(covered, demand, xp.zeros_like(demand))
+    asked = xp.where(covered, demand, xp.zeros_like(demand))
+    sums = of_uavs(asked, owner, available.shape[-1])
+    return asked * xp.take_along_axis(_by_bandwidth(sums, available), xp.maximum(owner, xp.asarray(0)), axis=-1)
 
 
 def carried(demand: Any, owner: Any, efficiency: Any, spectrum: float, available: Any) -> Any:
@@ -49,19 +53,28 @@ def carried(demand: Any, owner: Any, efficiency: Any, spectrum: float, available
     held = (owner >= 0) & (efficiency > 0.0)
     asked = xp.where(held, demand, none)
     part = asked * 1000.0 / (xp.where(held, efficiency, xp.ones_like(efficiency)) * spectrum)
-    served_by = owner[..., None, :] == xp.arange(available.shape[-1])[:, None]
-    parts = xp.sum(xp.where(served_by, part[..., None, :], 0.0), axis=-1)
-    sums = xp.sum(xp.where(served_by, asked[..., None, :], 0.0), axis=-1)
-    # Of nothing asked for, all is given; whoever asks for something of a UAV without bandwidth gets nothing.
-    by_spectrum = 1.0 / xp.maximum(parts, xp.ones_like(parts))
-    by_bandwidth = xp.where(sums > available, available / xp.where(sums > 0.0, sums, xp.ones_like(sums)), 1.0)
-    share = xp.minimum(by_spectrum, by_bandwidth)
+    parts = of_uavs(part, owner, available.shape[-1])
+    sums = of_uavs(asked, owner, available.shape[-1])
+    share = xp.minimum(1.0 / xp.maximum(parts, xp.ones_like(parts)), _by_bandwidth(sums, available))
     return asked * xp.take_along_axis(share, xp.maximum(owner, xp.asarray(0)), axis=-1)
+
+
+def _by_bandwidth(sums: Any, available: Any) -> Any:
+    """[..., N] the share that a UAV's bandwidth gives of what is asked of it.
+
+    Of nothing asked for, all is given; whoever asks for something of a UAV without bandwidth gets nothing.
+    """
+    xp = sums.__array_namespace__()
+    return xp.where(sums > available, available / xp.where(sums > 0.0, sums, xp.ones_like(sums)), 1.0)
 
 
 def of_uavs(carried: Any, owner: Any, uavs: int) -> Any:
     """[..., N] what each UAV's vehicles bring it together [kbit/s]; arguments [..., V]."""
     xp = carried.__array_namespace__()
+    if isinstance(carried, np.ndarray) and carried.ndim == 1:
+        # A run's thousands of UAVs and vehicles are counted up; the compiled game's few have a mask, which vectorises.
+        held = owner >= 0
+        return np.bincount(owner[held], weights=carried[held], minlength=uavs)
     served_by = owner[..., None, :] == xp.arange(uavs)[:, None]
     return xp.sum(xp.where(served_by, carried[..., None, :], 0.0), axis=-1)
 

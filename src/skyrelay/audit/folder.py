@@ -81,7 +81,8 @@ def audit_folder(folder: Path, progress: Progress = in_silence, *, head: str | N
         "gas_used": sum(report.gas),
         "model_cids": sorted(str(Cid.from_bytes(told.cids[one], "chain")) for one in told.models if one in told.cids),
     }
-    check_summary(compared, summary, told, {"proposals": run.proposals, "metrics": run.metrics}, mined)
+    tables = {"proposals": run.proposals, "metrics": run.metrics, "vehicles": run.vehicles}
+    check_summary(compared, summary, told, tables, mined)
     progress("hashing the stored policies and drawing the page again")
     _check_store(compared, run, told)
     _check_page(compared, run)
@@ -114,7 +115,7 @@ def audit_node_folder(
     for (name, args), number in found.items():
         if number:
             compared.differs("events.parquet", f"{name} {args}", f"{number:+} rows", "as many as on the chain")
-    for key, value in over_the_run(run.metrics).items():
+    for key, value in over_the_run(run.metrics, run.vehicles).items():
         compared.count("summary entries")
         if getattr(run.summary, key) != value:
             compared.differs(SUMMARY, key, getattr(run.summary, key), value)

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skyrelay.airspace import flight as rules
+from skyrelay.airspace import service
 from skyrelay.airspace.law import Law
 from skyrelay.audit.history import History
 from skyrelay.audit.tables import Compared, Table
@@ -47,10 +48,10 @@ def check_metrics(
     demands: Mapping[str, int],
     period_steps: int,
 ) -> None:
-    """Every row of the metrics, worked out from who was where and served by whom.
+    """What each vehicle gets, and every row of the metrics, worked out from who was where and served by whom.
 
     Args:
-        demands: [kbit/s] by vehicle.
+        demands: of the vehicles that were there when a selection began, by name [kbit/s].
     """
     file = "metrics.parquet"
     steps = int(uavs["step"].max(initial=0))
@@ -62,7 +63,9 @@ def check_metrics(
         values[place] = uavs[name]
         return values
 
-    mbps = np.array([demands.get(name, 0) for name in vehicles["vehicle"]], dtype=np.float64) / 1000
+    mbps = _check_demands(compared, vehicles, demands) / 1000
+    bandwidths = {name: row["bandwidth_kbps"] for period in told.periods for name, row in period.fleet.items()}
+    available = np.array([bandwidths.get(name, 0) for name in numbers], dtype=np.float64)
     battery = over_time("battery", float)
     fleets: dict[str, _Fleet] = {}
     teams: dict[str, Ints] = {}
@@ -77,6 +80,7 @@ def check_metrics(
         home = fleet.zone.max(axis=0)  # a UAV has one zone, until it lands
         teams[kind] = np.where(owner >= 0, home[owner], 0)
         _check_covered(compared, vehicles, kind, owner, fleet, law)
+        _check_carried(compared, vehicles, kind, owner, available)
 
     compared.count(f"rows of {file}", len(metrics["step"]))
     whole = metrics["step"][metrics["zone"] == 0].tolist()
@@ -88,12 +92,15 @@ def check_metrics(
     linked = _teams_linked(compared, metrics, taken, period_steps)
     for row, (step, zone) in enumerate(zip(metrics["step"].tolist(), metrics["zone"].tolist(), strict=True)):
         here = order[bounds[step] : bounds[step + 1]]
-        expected = {"connected": float((vehicles["zone"][here] == zone).sum() if zone else len(here))}
+        inside = here[vehicles["zone"][here] == zone] if zone else here
+        expected = {"connected": float(len(inside)), "demand_mbps": float(mbps[inside].sum())}
         for kind, team in teams.items():
             mine = here[team[here] == zone] if zone else here[team[here] > 0]
             reached = mine[vehicles[f"{kind}covered"][mine]]
             expected[f"{kind}vehicles"], expected[f"{kind}covered"] = len(mine), len(reached)
             expected[f"{kind}served_mbps"] = float(mbps[reached].sum())
+            for rate in ("carried", "delivered"):
+                expected[f"{kind}{rate}_mbps"] = float(vehicles[f"{kind}{rate}_kbps"][mine].sum()) / 1000
             if kind == "" or len(mine):  # a hovering fleet without a team in a zone has no coverage there
                 expected[f"{kind}coverage"] = len(reached) / len(mine) if len(mine) else 1.0
         air = (fleets[""].zone[step] == zone) if zone else (fleets[""].zone[step] > 0)
@@ -152,6 +159,31 @@ def _check_covered(compared: Compared, vehicles: Table, kind: str, owner: Ints, 
         compared.differs("vehicles.parquet", place, not inside[row], bool(inside[row]))
 
 
+def _check_demands(compared: Compared, vehicles: Table, demands: Mapping[str, int]) -> Floats:
+    """What each row's vehicle asks for [kbit/s]: what it is known to ask for, or else what its first row has."""
+    known = dict(demands)
+    asked = vehicles["demand_kbps"].tolist()
+    wanted = [known.setdefault(name, demand) for name, demand in zip(vehicles["vehicle"], asked, strict=True)]
+    for row in np.flatnonzero(vehicles["demand_kbps"] != wanted).tolist():
+        place = f"step {vehicles['step'][row]}, vehicle {vehicles['vehicle'][row]}: demand_kbps"
+        compared.differs("vehicles.parquet", place, asked[row], wanted[row])
+    return np.array(wanted, dtype=np.float64)
+
+
+def _check_carried(compared: Compared, vehicles: Table, kind: str, owner: Ints, available: Floats) -> None:
+    """Carried is what the law gives those who are covered; without gateways, all of it is delivered."""
+    step, covered = vehicles["step"].astype(np.int64), vehicles[f"{kind}covered"]
+    # Each step's UAVs are counted apart.
+    steps = int(step.max(initial=0)) + 1
+    at = np.where(owner >= 0, step * len(available) + owner, -1)
+    demand = vehicles["demand_kbps"].astype(np.float64)
+    carried = service.in_disc(demand, at, covered & (owner >= 0), np.tile(available, steps))
+    for column, expected in ((f"{kind}carried_kbps", carried), (f"{kind}delivered_kbps", carried)):
+        for row in np.flatnonzero(~(np.abs(vehicles[column] - expected) <= ROUNDING)).tolist():
+            place = f"step {step[row]}, vehicle {vehicles['vehicle'][row]}: {column}"
+            compared.differs("vehicles.parquet", place, vehicles[column][row], expected[row])
+
+
 def _check_links(compared: Compared, metrics: Table, row: int, fleet: _Fleet, reach: float) -> None:
     """A zone's connectivity is one that its UAVs' positions allow."""
     step, zone = int(metrics["step"][row]), int(metrics["zone"][row])
@@ -188,7 +220,7 @@ def check_summary(
         "served_per_period": round(float(np.mean([len(period.served) for period in told.periods])), 2),
         "mean_qou": float(np.mean(accepted)) if len(accepted) else None,
         "mean_qov": float(np.mean([row["qov"] * QOV_UNIT for row in proposals])) if proposals else None,
-        **over_the_run(tables["metrics"]),
+        **over_the_run(tables["metrics"], tables["vehicles"]),
         **mined,
     }
     for key, value in expected.items():

@@ -31,7 +31,7 @@ def command(
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Why was I not served? The QoU of each candidate, the UAV that was asked, and what took its bandwidth.
+    """Why was I not served? The QoU of each candidate, the UAV that was asked, what took its bandwidth; what it had.
 
     \b
     Examples:
@@ -48,11 +48,13 @@ def command(
         return
     if vehicle is None:
         raise UsageError("explain", None, "--vehicle ID, or --list for the ids of this run")
-    settings = read_scenario(run_dir).selection
+    scenario = read_scenario(run_dir)
+    settings, period_steps = scenario.selection, scenario.coordination.period_steps
     tables = {name: read_rows(run_dir, name) for name in ("proposals", "candidates", "fleet", "members")}
-    told = explain(**tables, vehicle=vehicle, period=period)
+    steps = read_rows(run_dir, "vehicles", vehicle=vehicle)
+    told = explain(**tables, steps=steps, vehicle=vehicle, period_steps=period_steps, period=period)
     if as_json:
-        print_result(asdict(told) | {"reason": reason(told, settings)}, as_json=True)
+        print_result(asdict(told) | {"reason": reason(told, settings), "had": had(told)}, as_json=True)
     else:
         typer.echo(to_text(told, settings))
 
@@ -80,6 +82,7 @@ def to_text(told: Explanation, settings: Settings) -> str:
     lines = [
         f"Vehicle {told.vehicle}, period {told.period}, zone {told.zone}, asks {_mbps(told.demand)}",
         reason(told, settings),
+        had(told),
         "",
         "Candidates by QoU:" if told.candidates else "No candidates.",
     ]
@@ -128,6 +131,21 @@ def reason(told: Explanation, settings: Settings) -> str:
         f"; never asked: {_counted(unasked, 'candidate')} (selection.rounds = {settings.rounds})" if unasked > 0 else ""
     )
     return f"Not served: {why}{more}."
+
+
+def had(told: Explanation) -> str:
+    """One sentence of what the vehicle had over the period, and why."""
+    got = told.received
+    if got is None:
+        return "It was gone before the period's first step."
+    if told.served_by is None:
+        return "It had 0 Mbit/s, because no UAV served it."
+    why = f"it was in range of {told.served_by} at {got.in_range} of {_counted(got.steps, 'step')}"
+    if got.crowded:
+        why += f", whose radio held less than it asks for at {got.crowded} of them"
+    if got.delivered < got.carried:
+        why += f", and {_mbps(got.delivered)} of it reached a gateway"
+    return f"It had {_mbps(got.carried)} of the {_mbps(told.demand)} it asks, on average, because {why}."
 
 
 def _without_asking(told: Explanation, settings: Settings) -> str:

@@ -100,7 +100,19 @@ def lines(s: Mapping[str, Any], folder: Path, mobility: Mobility) -> Iterator[tu
         f"{_share(s['connectivity'])} of the time a team is linked ({_share(s['static_connectivity'])}); "
         f"every UAV has a neighbour {_share(s['connectivity_neighbor'])}",
     )
-    yield "Bandwidth", f"{_count(s['served_mbps'])} Mbit/s in range ({_count(s['static_served_mbps'])})"
+    yield (
+        "Carried",
+        f"{_count(s['carried_mbps'])} Mbit/s, {_share(s['carried_share'])} of what all connected vehicles ask for "
+        f"({_share(s['static_carried_share'])} if UAVs hovered); delivered {_count(s['delivered_mbps'])} Mbit/s "
+        f"({_count(s['static_delivered_mbps'])})",
+    )
+    if s["fairness"] is not None:
+        yield (
+            "Service",
+            f"Jain fairness {s['fairness']:.2f} ({s['static_fairness'] or 0:.2f}); {s['handovers']:,} hand-overs "
+            f"({s['static_handovers']:,}); 19 of 20 outages at most {s['outage_p95_seconds']:,.0f} s "
+            f"({s['static_outage_p95_seconds']:,.0f} s)",
+        )
     yield "Chain", f"{s['transactions']:,} transactions, {s['gas_used']:,} gas, {s['blocks']} blocks"
     flown = zip(s["decided_by"], s["model_cids"], strict=True)
     yield "Decided by", ", ".join(f"the {who} ({cid})" for who, cid in flown) or "nobody: no UAV was selected"

@@ -22,7 +22,7 @@ from skyrelay.core.scenario import Scenario, load_scenario
 from skyrelay.core.untrusted import parse_json
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.runfolder.folder import SCENARIO, SUMMARY
-from skyrelay.runfolder.schema import OPTIONAL, POSITIONS, SCHEMAS, Summary
+from skyrelay.runfolder.schema import OPTIONAL, POSITIONS, RATES, SCHEMAS, Summary
 
 Table = Mapping[str, npt.NDArray[Any]]
 """Columns of equal length, by name; text columns hold ``str`` objects."""
@@ -128,14 +128,15 @@ def read_summary(folder: Path) -> Summary:
         raise RunFolderError(path, None, f"readable JSON ({error})") from error
 
 
-def read_rows(folder: Path, name: str) -> list[dict[str, Any]]:
-    """A small table, row by row.
+def read_rows(folder: Path, name: str, **where: object) -> list[dict[str, Any]]:
+    """A small table row by row, or of any table the rows where these columns have these values.
 
     Raises:
         RunFolderError: as `read_table`.
     """
     table = read_table(folder, name)
-    columns = [column.tolist() for column in table.values()]
+    wanted = [table[column] == value for column, value in where.items()]
+    columns = [(column[np.all(wanted, axis=0)] if wanted else column).tolist() for column in table.values()]
     return [dict(zip(table, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
@@ -167,6 +168,11 @@ def read_table(folder: Path, name: str) -> Table:
         if not finite.all():
             row = int(np.argmin(finite))
             raise RunFolderError(f"{path}: {column}[{row}]", float(table[column][row]), "a finite position [m]")
+    for column in RATES.get(name, ()):
+        rates = np.isfinite(table[column]) & (table[column] >= 0)
+        if not rates.all():
+            row = int(np.argmin(rates))
+            raise RunFolderError(f"{path}: {column}[{row}]", float(table[column][row]), "a rate of 0 kbit/s or more")
     return table
 
 

@@ -10,7 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field
 _F32, _F64, _I32, _I64, _TEXT = pa.float32(), pa.float64(), pa.int32(), pa.int64(), pa.string()
 
 SCHEMAS: dict[str, pa.Schema] = {
-    # One row for each connected vehicle that is there at a step; uav is "" where nobody serves it.
+    # One row for each connected vehicle that is there at a step; uav is "" where nobody serves it. carried: of what it
+    # asks for, what its link to its UAV holds; delivered: of that, what gets where it is wanted.
     # static_*, here and below: the same for the comparator, the same fleet that hovers.
     "vehicles": pa.schema(
         {
@@ -19,10 +20,15 @@ SCHEMAS: dict[str, pa.Schema] = {
             "x": _F64,
             "y": _F64,
             "zone": _I32,
+            "demand_kbps": _I32,
             "uav": _TEXT,
             "covered": pa.bool_(),
+            "carried_kbps": _F64,
+            "delivered_kbps": _F64,
             "static_uav": _TEXT,
             "static_covered": pa.bool_(),
+            "static_carried_kbps": _F64,
+            "static_delivered_kbps": _F64,
         }
     ),
     # One row for each UAV at a step; the action is the one that led to the step; zone 0 for one that has landed.
@@ -43,7 +49,8 @@ SCHEMAS: dict[str, pa.Schema] = {
         }
     ),
     # One row for each zone with a team at a step, and one with zone 0 for the whole area. connected: vehicles that are
-    # there; vehicles: those of them that the zone's UAVs serve, wherever these vehicles are by now.
+    # there, and demand what they ask for; vehicles: those that the zone's UAVs serve, wherever these vehicles are by
+    # now, and carried and delivered what these get.
     "metrics": pa.schema(
         {
             "step": _I32,
@@ -55,13 +62,18 @@ SCHEMAS: dict[str, pa.Schema] = {
             "coverage": _F64,
             "connectivity": _F64,
             "connectivity_neighbor": _F64,
+            "demand_mbps": _F64,
             "served_mbps": _F64,
+            "carried_mbps": _F64,
+            "delivered_mbps": _F64,
             "energy_percent": _F64,
             "static_vehicles": _I32,
             "static_covered": _I32,
             "static_coverage": _F64,
             "static_connectivity": _F64,
             "static_served_mbps": _F64,
+            "static_carried_mbps": _F64,
+            "static_delivered_mbps": _F64,
         }
     ),
     # One row for each submitVehSelection(), in the order of submission.
@@ -128,6 +140,11 @@ POSITIONS: dict[str, tuple[str, ...]] = {
 }
 """Columns that hold a place [m], a finite number."""
 
+RATES: dict[str, tuple[str, ...]] = {
+    "vehicles": ("demand_kbps", "carried_kbps", "delivered_kbps", "static_carried_kbps", "static_delivered_kbps"),
+}
+"""Columns that hold a rate: a finite number that is not negative."""
+
 MAX_STEPS = 10_000_000
 
 Count = Annotated[int, Field(ge=0)]
@@ -174,11 +191,26 @@ class Summary(BaseModel):
     connectivity: Measure | None
     connectivity_neighbor: Measure | None
     served_mbps: Measure | None
+    demand_mbps: Measure | None
+    carried_mbps: Measure | None
+    delivered_mbps: Measure | None
+    carried_share: Measure | None
+    delivered_share: Measure | None
+    fairness: Measure | None
+    handovers: Count
+    outage_p95_seconds: Measure | None
     static_in_range: Measure | None
     static_in_range_share: Measure | None
     static_coverage: Measure | None
     static_connectivity: Measure | None
     static_served_mbps: Measure | None
+    static_carried_mbps: Measure | None
+    static_delivered_mbps: Measure | None
+    static_carried_share: Measure | None
+    static_delivered_share: Measure | None
+    static_fairness: Measure | None
+    static_handovers: Count
+    static_outage_p95_seconds: Measure | None
     energy_percent: Measure | None
     uavs_retired: Count
     transactions: Count

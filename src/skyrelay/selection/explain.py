@@ -80,6 +80,24 @@ class Ask:
 
 
 @dataclass(frozen=True)
+class Received:
+    """What a vehicle got over a period.
+
+    Attributes:
+        steps: at which it was there.
+        in_range: of them, those inside its UAV's range and in its sight.
+        crowded: of these, those at which its link held less than it asks for.
+        carried, delivered: on average over the steps [kbit/s].
+    """
+
+    steps: int
+    in_range: int
+    crowded: int
+    carried: float
+    delivered: float
+
+
+@dataclass(frozen=True)
 class Explanation:
     """A vehicle's selection in a period.
 
@@ -94,6 +112,7 @@ class Explanation:
         nearest_distance: its distance [m], or None.
         candidates: by falling QoU.
         asks: in the order they were made.
+        received: over the period; None where it was gone before the first step.
     """
 
     vehicle: str
@@ -106,16 +125,27 @@ class Explanation:
     nearest_distance: float | None
     candidates: tuple[Candidate, ...]
     asks: tuple[Ask, ...]
+    received: Received | None
 
 
 def explain(
-    *, proposals: Rows, candidates: Rows, fleet: Rows, members: Rows, vehicle: str, period: int | None = None
+    *,
+    proposals: Rows,
+    candidates: Rows,
+    fleet: Rows,
+    members: Rows,
+    steps: Rows,
+    vehicle: str,
+    period_steps: int,
+    period: int | None = None,
 ) -> Explanation:
     """Retell one vehicle's selection.
 
     Args:
         proposals, candidates, fleet, members: the run's tables of these names, of all periods.
+        steps: the vehicle's rows of the table of vehicles.
         vehicle: id.
+        period_steps: how many steps a period has.
         period: left out: the last one in which the vehicle was there and not served, or else the last it was there.
     Raises:
         UsageError: the vehicle was never there, or not in that period.
@@ -147,6 +177,21 @@ def explain(
             Candidate(row["uav"], row["qou"], rank, rounds.get(row["uav"])) for rank, row in enumerate(weighed, start=1)
         ),
         asks=asks,
+        received=_received([row for row in steps if (row["step"] - 1) // period_steps == chosen]),
+    )
+
+
+def _received(steps: Rows) -> Received | None:
+    """What a vehicle got over these steps."""
+    if not steps:
+        return None
+    covered = [row for row in steps if row["covered"]]
+    return Received(
+        steps=len(steps),
+        in_range=len(covered),
+        crowded=sum(row["carried_kbps"] < row["demand_kbps"] for row in covered),
+        carried=float(np.mean([row["carried_kbps"] for row in steps])),
+        delivered=float(np.mean([row["delivered_kbps"] for row in steps])),
     )
 
 

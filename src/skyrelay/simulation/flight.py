@@ -10,12 +10,28 @@ import numpy as np
 import numpy.typing as npt
 
 from skyrelay.airspace import flight as rules
+from skyrelay.airspace import service
 from skyrelay.airspace.law import Law
 from skyrelay.core.entities import FloatArray, IntArray
 from skyrelay.protocol.messages import Fix
 from skyrelay.simulation.world import Fleet
 
 NOBODY = -1
+
+
+@dataclass(frozen=True)
+class Service:
+    """What vehicles get at one step: [V] each.
+
+    Attributes:
+        covered: inside their own UAV's range, and in its sight where there are buildings; none has a landed UAV.
+        carried: over their link to it [kbit/s].
+        delivered: of that, what gets where it is wanted [kbit/s]: all of it, where no gateways are named.
+    """
+
+    covered: npt.NDArray[np.bool_]
+    carried: FloatArray
+    delivered: FloatArray
 
 
 @dataclass(frozen=True)
@@ -29,6 +45,7 @@ class Measure:
         connectivity: 1 where a path of links joins the team; over the area, the mean over teams of two or more.
         connectivity_neighbor: 1 where each UAV has another in range; likewise.
         served_mbps: requested bandwidth of the covered vehicles [Mbit/s].
+        carried_mbps, delivered_mbps: what they get (`Service`) [Mbit/s].
         battery: mean of the zone's UAVs in the air [%], NaN where none is.
     """
 
@@ -39,6 +56,8 @@ class Measure:
     connectivity: float
     connectivity_neighbor: float
     served_mbps: float
+    carried_mbps: float
+    delivered_mbps: float
     battery: float
 
 
@@ -98,8 +117,14 @@ class Flight:
         """UAVs land: no zone, no vehicles covered by them."""
         self.fleet.zone[rows] = 0
 
-    def covered(self, x: FloatArray, y: FloatArray) -> npt.NDArray[np.bool_]:
-        """[V] whether each vehicle is inside its own UAV's range and in its sight; a landed UAV covers nobody."""
+    def serve(self, x: FloatArray, y: FloatArray) -> Service:
+        """What the run's vehicles get where they are: [V] positions [m], NaN if absent."""
+        covered = self._covered(x, y)
+        demand, available = self._demand.astype(np.float64), self.fleet.bandwidth.astype(np.float64)
+        carried = service.in_disc(demand, self.owner, covered, available)
+        return Service(covered, carried, carried)
+
+    def _covered(self, x: FloatArray, y: FloatArray) -> npt.NDArray[np.bool_]:
         inside: npt.NDArray[np.bool_] = self._served(x) & (self.fleet.zone[self.owner] > 0)
         rows = np.flatnonzero(inside)
         ground, air = np.column_stack([x[rows], y[rows]]), self._positions(self.owner[rows])
@@ -109,14 +134,15 @@ class Flight:
         inside[rows] = near
         return inside
 
-    def measure(self, x: FloatArray, y: FloatArray, zone_of_owner: IntArray) -> list[Measure]:
+    def measure(self, x: FloatArray, got: Service, zone_of_owner: IntArray) -> list[Measure]:
         """Every zone with a selected UAV, then the whole area.
 
         Args:
-            x, y: [V] position of the run's vehicles [m], NaN if absent.
+            x: [V] of the run's vehicles [m], NaN if absent.
+            got: what they get there.
             zone_of_owner: [V] zone of each vehicle's UAV when it was selected.
         """
-        served, covered = self._served(x), self.covered(x, y)
+        served = self._served(x)
         measures, teams = [], []
         for zone in np.unique(zone_of_owner[self.owner != NOBODY]).tolist():
             here = zone_of_owner == zone
@@ -125,11 +151,11 @@ class Flight:
             graph = rules.links(self._positions(team), self._law.reach, active)
             path = float(rules.connectivity(graph, active)) if len(team) else 0.0
             neighbor = float(rules.connectivity_neighbor(graph, active)) if len(team) else 0.0
-            measures.append(self._summary(zone, served & here, covered & here, path, neighbor))
+            measures.append(self._summary(zone, served & here, got, path, neighbor))
             if np.isin(np.arange(len(self.fleet.ids)), self.owner[here]).sum() > 1:
                 teams.append((path, neighbor))
         path, neighbor = np.mean(teams, axis=0).tolist() if teams else (1.0, 1.0)
-        return [*measures, self._summary(0, served, covered, path, neighbor)]
+        return [*measures, self._summary(0, served, got, path, neighbor)]
 
     def _served(self, x: FloatArray) -> npt.NDArray[np.bool_]:
         there: npt.NDArray[np.bool_] = (self.owner != NOBODY) & np.isfinite(x)
@@ -138,12 +164,19 @@ class Flight:
     def _positions(self, rows: IntArray) -> FloatArray:
         return np.column_stack([self.fleet.x[rows], self.fleet.y[rows]])
 
-    def _summary(
-        self, zone: int, served: npt.NDArray[np.bool_], covered: npt.NDArray[np.bool_], path: float, neighbor: float
-    ) -> Measure:
+    def _summary(self, zone: int, served: npt.NDArray[np.bool_], got: Service, path: float, neighbor: float) -> Measure:
+        covered = got.covered & served
         vehicles, inside = int(served.sum()), int(covered.sum())
-        share = inside / vehicles if vehicles else 1.0
-        mbps = float(self._demand[covered].sum()) / 1000.0
         air = (self.fleet.zone == zone) if zone else (self.fleet.zone > 0)
-        battery = float(self.fleet.battery[air].mean()) if air.any() else math.nan
-        return Measure(zone, vehicles, inside, share, path, neighbor, mbps, battery)
+        return Measure(
+            zone=zone,
+            vehicles=vehicles,
+            covered=inside,
+            coverage=inside / vehicles if vehicles else 1.0,
+            connectivity=path,
+            connectivity_neighbor=neighbor,
+            served_mbps=float(self._demand[covered].sum()) / 1000.0,
+            carried_mbps=float(got.carried[served].sum()) / 1000.0,
+            delivered_mbps=float(got.delivered[served].sum()) / 1000.0,
+            battery=float(self.fleet.battery[air].mean()) if air.any() else math.nan,
+        )

@@ -90,12 +90,15 @@ class Record:
         """Everyone's place at a step, and how well every zone is served."""
         x, y = self._tracks.x[step], self._tracks.y[step]
         flying, hovering = self._flying, self._hovering
-        measured = {m.zone: m for m in flying.measure(x, y)}
-        static = {m.zone: m for m in hovering.measure(x, y)}
+        got, in_zones = flying.measure(x, y)
+        static_got, static_in_zones = hovering.measure(x, y)
+        measured = {m.zone: m for m in in_zones}
+        static = {m.zone: m for m in static_in_zones}
         zones = sorted(measured)
-        nothing = Measure(0, 0, 0, math.nan, math.nan, math.nan, 0.0, math.nan)
+        nothing = Measure(0, 0, 0, math.nan, math.nan, math.nan, 0.0, 0.0, 0.0, math.nan)
         rows = np.flatnonzero(np.isfinite(x))
         at = self._grid.zone_of(x[rows], y[rows])
+        demand = self._members.demand[rows]
         self._tables.add(
             "metrics",
             step=step,
@@ -107,13 +110,18 @@ class Record:
             coverage=[measured[zone].coverage for zone in zones],
             connectivity=[measured[zone].connectivity for zone in zones],
             connectivity_neighbor=[measured[zone].connectivity_neighbor for zone in zones],
+            demand_mbps=[float(demand[at == zone].sum() if zone else demand.sum()) / 1000.0 for zone in zones],
             served_mbps=[measured[zone].served_mbps for zone in zones],
+            carried_mbps=[measured[zone].carried_mbps for zone in zones],
+            delivered_mbps=[measured[zone].delivered_mbps for zone in zones],
             energy_percent=[measured[zone].battery for zone in zones],
             static_vehicles=[static.get(zone, nothing).vehicles for zone in zones],
             static_covered=[static.get(zone, nothing).covered for zone in zones],
             static_coverage=[static.get(zone, nothing).coverage for zone in zones],
             static_connectivity=[static.get(zone, nothing).connectivity for zone in zones],
             static_served_mbps=[static.get(zone, nothing).served_mbps for zone in zones],
+            static_carried_mbps=[static.get(zone, nothing).carried_mbps for zone in zones],
+            static_delivered_mbps=[static.get(zone, nothing).delivered_mbps for zone in zones],
         )
         owner, static_owner = flying.flight.owner[rows], hovering.flight.owner[rows]
         self._tables.add(
@@ -124,9 +132,14 @@ class Record:
             y=y[rows],
             zone=at,
             uav=[flying.fleet.ids[row] if row != NOBODY else "" for row in owner],
-            covered=flying.flight.covered(x, y)[rows],
+            demand_kbps=demand,
+            covered=got.covered[rows],
+            carried_kbps=got.carried[rows],
+            delivered_kbps=got.delivered[rows],
             static_uav=[hovering.fleet.ids[row] if row != NOBODY else "" for row in static_owner],
-            static_covered=hovering.flight.covered(x, y)[rows],
+            static_covered=static_got.covered[rows],
+            static_carried_kbps=static_got.carried[rows],
+            static_delivered_kbps=static_got.delivered[rows],
         )
         self._tables.add(
             "uavs",
@@ -145,8 +158,8 @@ class Record:
         )
 
     def figures(self) -> dict[str, float | None]:
-        """Those of the run so far that its metrics give."""
-        return over_the_run(self._tables.columns("metrics"))
+        """Those of the run so far that its tables give."""
+        return over_the_run(self._tables.columns("metrics"), self._tables.columns("vehicles"))
 
     def streets(self, lines: Sequence[FloatArray]) -> None:
         """The streets beneath, each [P, 2] [m]."""

@@ -9,7 +9,7 @@ from skyrelay.core.entities import FloatArray, IntArray, UavTable, VehicleTable
 from skyrelay.core.scenario import Selection
 from skyrelay.mobility import Tracks
 from skyrelay.selection import select
-from skyrelay.simulation.flight import NOBODY, Flight, Measure
+from skyrelay.simulation.flight import NOBODY, Flight, Measure, Service
 from skyrelay.simulation.world import Fleet, Members
 
 
@@ -63,6 +63,7 @@ class Team:
         owner[rows[chosen >= 0]] = airborne[chosen[chosen >= 0]]
         return owner
 
-    def measure(self, x: FloatArray, y: FloatArray) -> list[Measure]:
-        """Every zone with a team, then the whole area, at one step."""
-        return self.flight.measure(x, y, self._zone_of_owner)
+    def measure(self, x: FloatArray, y: FloatArray) -> tuple[Service, list[Measure]]:
+        """What vehicles get at one step, and how well it goes in every zone with a team, then in the whole area."""
+        got = self.flight.serve(x, y)
+        return got, self.flight.measure(x, got, self._zone_of_owner)
