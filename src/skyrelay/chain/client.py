@@ -269,7 +269,7 @@ class IovClient:
         """
         if chain_id is not None and chain.chain_id != chain_id:
             raise ChainError("chain id", chain.chain_id, f"{chain_id}: this is another network")
-        address = _checked_address(address)
+        address = checked_address(address)
         code = chain.code(address)
         if not code:
             raise ChainError("contract", address, f"a contract's address on chain {chain.chain_id}")
@@ -566,6 +566,10 @@ class IovClient:
         (answer,) = self._read("hasRole", [(self._role(role), account)])[0]
         return bool(answer)
 
+    def role_id(self, role: Role) -> str:
+        """What events call a role: 0x and 64 digits."""
+        return "0x" + self._role(role).hex()
+
     # Events
 
     def events(self, from_block: int = 0, to_block: int | None = None) -> list[Event]:
@@ -716,7 +720,12 @@ def _millionths(weights: Sequence[float]) -> list[int]:
     return whole
 
 
-def _checked_address(address: str) -> str:
+def checked_address(address: str) -> str:
+    """An address in lower case.
+
+    Raises:
+        ChainError: it is none.
+    """
     text = address.lower()
     if len(text) != 42 or not text.startswith("0x") or any(c not in "0123456789abcdef" for c in text[2:]):
         raise ChainError("contract", address, "0x and 40 hexadecimal digits")

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from skyrelay.cli.options import Json
 from skyrelay.core.errors import UsageError
+
+if TYPE_CHECKING:
+    from skyrelay.runfolder.schema import Summary
 
 SHOWN = 50
 """Differences printed for people; --json has all."""
@@ -22,6 +25,8 @@ def command(
     chain: Annotated[
         list[str] | None,
         typer.Option(
+            "--chain",
+            "--node",
             metavar="URL",
             help="A node's JSON-RPC endpoint, in place of a folder or its node.",
             show_default=False,
@@ -52,7 +57,8 @@ def command(
 ) -> int:
     """Rebuild every selection from the chain alone and name what differs: skyrelay audit out/bologna.
 
-    The folder of a run on a node is audited there, at the address that the folder names or at --chain URL.
+    The folder of a run on a node is audited there, at the address, contract and chain id that the folder names; --node
+    URL asks another node, --chain-id another chain.
 
     Exit status: 0 all agree, 1 something differs, 2 there is nothing to audit.
     """
@@ -61,14 +67,23 @@ def command(
     from skyrelay.chain.node.chain import NodeChain
     from skyrelay.chain.proof.audit import audit_node
     from skyrelay.chain.proof.root import TrustRoot
+    from skyrelay.net.http import public_address
 
     def progress(stage: str) -> None:
         typer.echo(f"{stage} ...", err=True)
 
     named = [] if validators is None else [address.strip() for address in validators.split(",")]
     root = TrustRoot.of(named, head, unsealed=unsealed)
-    if run_dir is not None and contract is None and (urls := chain or _node_of(run_dir)):
-        node = NodeChain(urls, Keyring.ephemeral(), chain_id=chain_id, root=root)
+    recorded = None if run_dir is None or contract is not None else _on_a_node(run_dir)
+    if run_dir is not None and recorded is not None:
+        urls = chain or [one.strip() for one in (recorded.chain_url or "").split(",")]
+        pinned = recorded.chain_id if chain_id is None else chain_id
+        node = NodeChain(urls, Keyring.ephemeral(), chain_id=pinned, root=root)
+        typer.echo(
+            f"The folder's contract {recorded.contract} on chain {node.chain_id}, asked at "
+            f"{', '.join(map(public_address, urls))}",
+            err=True,
+        )
         report = audit_node_folder(run_dir, node, progress, root=root)
     elif run_dir is not None and not chain and contract is None:
         if chain_id is not None or named or unsealed:
@@ -112,12 +127,12 @@ def command(
     return 0 if report.agrees else 1
 
 
-def _node_of(run_dir: Path) -> list[str]:
-    """The addresses of the node that a run was made on; none where it has the embedded chain's record."""
+def _on_a_node(run_dir: Path) -> Summary | None:
+    """The summary of a run on a node; None where the folder has the embedded chain's record."""
     from skyrelay.runfolder.folder import CHAIN, SUMMARY
     from skyrelay.runfolder.reader import read_summary
 
     if (run_dir / CHAIN).exists() or not (run_dir / SUMMARY).is_file():
-        return []
-    url = read_summary(run_dir).chain_url
-    return [] if url is None else [one.strip() for one in url.split(",")]
+        return None
+    summary = read_summary(run_dir)
+    return None if summary.chain_url is None else summary

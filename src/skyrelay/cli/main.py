@@ -18,6 +18,7 @@ from skyrelay.cli import (
     chain_doctor,
     chain_gas,
     chain_serve,
+    contract,
     evaluate,
     explain,
     live,
@@ -53,6 +54,11 @@ app.command("scenario")(scenario.command)
 app.command("report")(report.command)
 app.command("live")(live.command)
 app.command("audit")(audit.command)
+app.command("deploy")(contract.deploy)
+app.command("grant")(contract.grant)
+app.command("revoke")(contract.revoke)
+app.command("status")(contract.status)
+app.command("accounts")(contract.accounts)
 app.command("explain")(explain.command)
 app.command("select")(select.command)
 app.command("record")(record.command)

@@ -219,6 +219,7 @@ class Summary(BaseModel):
     chain_head: Text
     contract: Text
     chain_url: Text | None
+    chain_id: Annotated[int, Field(ge=1, le=2**63 - 37)] | None = Field(None, description="of a node's chain")
     model_cids: Annotated[list[Text], Field(max_length=10_000)]
     decided_by: list[Text] = Field([], max_length=10_000, description="policy or rule that each CID names")
     range_m: Positive

@@ -103,6 +103,11 @@ class Consortium:
         return lambda message: (party, chain.vouch(party, message))
 
     @property
+    def embedded(self) -> bool:
+        """The chain is this process's own."""
+        return isinstance(self.chain, EmbeddedChain)
+
+    @property
     def head(self) -> str:
         """Hash of the latest block."""
         if isinstance(self.chain, EmbeddedChain):

@@ -291,6 +291,7 @@ class Run:
             "blocks": consortium.chain.block_number,
             "chain_head": consortium.head,
             "contract": consortium.client.address,
+            "chain_id": None if consortium.embedded else consortium.chain.chain_id,
             "wall_seconds": round(time.monotonic() - begin, 3),
         }
         write_summary(folder, summary)
