@@ -1,9 +1,12 @@
 """`skyrelay chain devnet` and `skyrelay run --chain`: a scenario on four validators, as any of them tells it."""
 
 import json
+import os
+import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -11,8 +14,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from skyrelay.chain.accounts import PASSWORD, PASSWORD_FILE
+from skyrelay.chain.accounts import PASSWORD, PASSWORD_FILE, Keyring
+from skyrelay.chain.node.chain import NodeChain
+from skyrelay.chain.node.devnet import find_binary
 from skyrelay.cli.main import app
+from skyrelay.core.errors import ChainError
 from skyrelay.policy import Policy
 
 pytestmark = [pytest.mark.nodes, pytest.mark.xdist_group("run")]
@@ -87,3 +93,71 @@ def test_a_run_on_four_validators_is_that_of_the_embedded_chain_and_any_of_them_
     embedded = play(tmp_path / "embedded", *flown)
     same = ("vehicles", "uavs", "zones", "periods", "served", "mean_qou", "mean_qov", "coverage", "connectivity")
     assert [told[key] for key in same] == pytest.approx([embedded[key] for key in same])
+
+
+@contextmanager
+def validators(network: Path, names: list[str]) -> Iterator[None]:
+    """Each host's start.sh, as on its own host."""
+    environment = {**os.environ, "GOQUORUM": find_binary("qbft")}
+    started: list[subprocess.Popen[bytes]] = []
+    try:
+        for name in names:
+            home = network / "hosts" / name
+            with (home / "node.log").open("wb") as log:
+                started.append(subprocess.Popen([home / "start.sh"], env=environment, stdout=log, stderr=log))
+        yield
+    finally:
+        for process in started:
+            process.send_signal(signal.SIGINT)
+        for process in started:
+            process.wait(30)
+
+
+def test_validators_of_several_hosts_take_a_contract_and_a_run_audits_from_its_folder(tmp_path, monkeypatch):
+    names = ["alpha", "beta", "gamma", "delta"]
+    first = free_ports(8)
+    ports = {name: (first + 2 * place, first + 2 * place + 1) for place, name in enumerate(names)}
+    hosts = tmp_path / "hosts.toml"
+    hosts.write_text(
+        "chain_id = 4242\n"
+        + "".join(
+            f'[[host]]\nname = "{name}"\naddress = "127.0.0.{place}"\np2p_port = {p2p}\nrpc_port = {rpc}\n'
+            for place, (name, (rpc, p2p)) in enumerate(ports.items(), 11)
+        )
+    )
+    _, founded = skyrelay("chain", "devnet", "--hosts", str(hosts), "--dir", str(tmp_path / "net"))
+    monkeypatch.setenv(PASSWORD_FILE, str(Path(founded["operator_keystore"]).with_suffix(".password")))
+    monkeypatch.delenv(PASSWORD, raising=False)
+    urls = {name: f"http://127.0.0.1:{rpc}" for name, (rpc, _) in ports.items()}
+    pinned = ["--chain-id", "4242", "--validators", ",".join(founded["validators"].values())]
+    signing = [*pinned, "--node", urls["alpha"], "--keystore", founded["operator_keystore"]]
+    with validators(tmp_path / "net", names):
+        wait_for_blocks(urls["alpha"])
+        _, made = skyrelay("deploy", *signing)
+        skyrelay("grant", "coordinator", "coordinator", "--contract", made["contract"], *signing)
+        _, status = skyrelay("status", *pinned, "--node", urls["delta"], "--contract", made["contract"])
+        assert len(status["roles"]["coordinator"]) == 1
+        assert status["roles"]["admin"] == [made["administrator"]]
+
+        keystore = f"chain.keystore={founded['operator_keystore']}"
+        play(tmp_path / "run", "--chain", urls["beta"], "--set", keystore)
+        summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+        assert (summary["chain_url"], summary["chain_id"]) == (urls["beta"], 4242)
+        for there in ([], ["--node", urls["gamma"]]):
+            code, audit = skyrelay("audit", str(tmp_path / "run"), *there)
+            assert (code, audit["differences"]) == (0, [])
+        with pytest.raises(ChainError, match="chain id: is 4242; expected 7: this is another network"):
+            skyrelay("audit", str(tmp_path / "run"), "--chain-id", "7")
+
+
+def wait_for_blocks(url: str) -> None:
+    """Until the node has a second block; no answer within a minute is an error of its own."""
+    end = time.monotonic() + 60
+    while True:
+        try:
+            if NodeChain(url, Keyring.ephemeral(), patience=1.0).block_number > 1:
+                return
+        except ChainError:
+            assert time.monotonic() < end, "no blocks"
+        assert time.monotonic() < end, "no blocks"
+        time.sleep(0.2)

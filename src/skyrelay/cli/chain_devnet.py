@@ -31,18 +31,31 @@ def command(
         int | None,
         typer.Option("--rpc-port", metavar="PORT", help="Of the first validator.", show_default="8545"),
     ] = None,
+    hosts: Annotated[
+        Path | None,
+        typer.Option("--hosts", metavar="FILE", help="Write each host's folder, start nothing.", show_default=False),
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Run a consortium network of validators on this machine, until Ctrl-C.
+    """Run a consortium network of validators on this machine, until Ctrl-C; or found one on several hosts.
 
-    Keys, genesis and configuration are written to the folder; the next start goes on from the last block.
+    Keys, genesis and configuration are written to the folder; the next start goes on from the last block. With --hosts
+    nothing starts: hosts/NAME is what goes to each host (key, genesis, configuration with all peers, start.sh, a
+    systemd unit). The file is TOML: chain_id, period, and a [[host]] for each with name, address, p2p_port, rpc_port,
+    and public_key where the host keeps its own node key.
 
     For example:
 
       skyrelay chain devnet --validators 4 --dir devnet
 
+      skyrelay chain devnet --hosts hosts.toml --dir network
+
       skyrelay run --set chain.url=http://127.0.0.1:8545
     """
+    if hosts is not None:
+        given = {"--validators": validators, "--consensus": consensus, "--period": period, "--rpc-port": rpc_port}
+        _found(hosts, directory, [option for option, value in given.items() if value is not None], as_json)
+        return
     from skyrelay.chain.node.devnet import Devnet
     from skyrelay.core.errors import UsageError
 
@@ -91,6 +104,31 @@ def command(
         except KeyboardInterrupt:
             if not as_json:
                 typer.echo("\nStopping; the same command goes on from here.")
+
+
+def _found(hosts: Path, directory: Path, doubled: list[str], as_json: bool) -> None:
+    from skyrelay.chain.node.hosts import write_hosts
+    from skyrelay.core.errors import UsageError
+
+    if doubled:
+        raise UsageError(doubled[0], None, f"what {hosts} says: number, ports and period stand there, and it is QBFT")
+    founded = write_hosts(directory, hosts)
+    validators = {name: node.address for name, node in founded.validators.items()}
+    if as_json:
+        told = {
+            "chain_id": founded.chain_id,
+            "hosts": {name: str(directory / "hosts" / name) for name in validators},
+            "validators": validators,
+            "keyless": list(founded.keyless),
+            "operator_keystore": str(directory / "accounts" / "operator.json"),
+        }
+        typer.echo(json.dumps(told))
+        return
+    for name, address in validators.items():
+        key = "; put its own geth/nodekey in" if name in founded.keyless else ""
+        typer.echo(f"{directory}/hosts/{name}  validator {address}: goes to {name}, start.sh starts it{key}")
+    typer.echo(f"Chain {founded.chain_id}; pin its validators: --validators {','.join(validators.values())}")
+    typer.echo(f"Operator's keystore: {directory}/accounts/operator.json (password in operator.password beside it)")
 
 
 def _interrupt(_signal: int, _frame: FrameType | None) -> None:

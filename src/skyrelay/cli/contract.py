@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from skyrelay.chain.node.chain import NodeChain
 
 
-class Grantable(str, Enum):
+class Grantable(StrEnum):
     """A role that the administrator gives."""
 
     COORDINATOR = "coordinator"
@@ -43,9 +43,7 @@ Confirmations = Annotated[
     int, typer.Option("--confirmations", min=0, help="Blocks above a receipt's before it counts (Clique).")
 ]
 Deployed = Annotated[str, typer.Option("--contract", metavar="ADDRESS", help="The contract.")]
-By = Annotated[
-    str, typer.Option("--by", metavar="NAME", help="The administrator's account: its name in the keystore.")
-]
+By = Annotated[str, typer.Option("--by", metavar="NAME", help="The administrator's account: its name in the keystore.")]
 Zone = Annotated[
     int | None,
     typer.Option("--zone", min=1, metavar="N", help="Of a coordinator: this zone alone, which then has no other."),

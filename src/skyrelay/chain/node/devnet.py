@@ -63,6 +63,7 @@ class Validator:
         rpc_port: where it answers JSON-RPC on loopback.
         p2p_port: where its peers reach it on loopback.
         auth_port: of the port that go-ethereum opens for a beacon client, which none uses here.
+        host: the address at which peers reach it; JSON-RPC stays on loopback.
     """
 
     index: int
@@ -71,6 +72,7 @@ class Validator:
     rpc_port: int
     p2p_port: int
     auth_port: int
+    host: str = _LOOPBACK
 
     @property
     def url(self) -> str:
@@ -80,20 +82,23 @@ class Validator:
     @property
     def enode(self) -> str:
         """The address that peers dial."""
-        return f"enode://{self.public_key}@{_LOOPBACK}:{self.p2p_port}?discport=0"
+        return f"enode://{self.public_key}@{_bracketed(self.host)}:{self.p2p_port}?discport=0"
 
 
 @dataclass(frozen=True, slots=True)
-class _Key:
+class Key:
+    """A key: its address with capitals as checksum, 32 secret bytes, 128 digits of the public key."""
+
     address: str
     secret: bytes
     public_key: str
 
-    @classmethod
-    def fresh(cls) -> _Key:
-        secret = secrets.token_bytes(32)
-        public = PrivateKey(secret).public_key
-        return cls(public.to_checksum_address(), secret, public.to_hex()[2:])
+
+def fresh_key() -> Key:
+    """A key that nobody has had."""
+    secret = secrets.token_bytes(32)
+    public = PrivateKey(secret).public_key
+    return Key(public.to_checksum_address(), secret, public.to_hex()[2:])
 
 
 class Devnet:
@@ -149,22 +154,25 @@ class Devnet:
         if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
             raise ChainError(directory, "not empty", "a folder that is absent or empty, or one that holds a devnet")
         binary = find_binary(consensus)
-        keys = sorted((_Key.fresh() for _ in range(validators)), key=lambda key: key.address.lower())
+        keys = sorted((fresh_key() for _ in range(validators)), key=lambda key: key.address.lower())
         ports = _free_ports(3 * validators) if rpc_port is None else list(range(rpc_port, rpc_port + 3 * validators))
-        nodes = [Validator(i, key.address, key.public_key, *ports[i::validators]) for i, key in enumerate(keys)]
+        nodes = []
+        for i, key in enumerate(keys):
+            rpc, p2p, auth = ports[i::validators]
+            nodes.append(Validator(i, key.address, key.public_key, rpc, p2p, auth))
         try:
             with new_folder(directory) as root:
-                genesis = _genesis(consensus, [key.address for key in keys], chain_id, period)
+                genesis = genesis_of(consensus, [key.address for key in keys], chain_id, period)
                 write_text(root / "genesis.json", json.dumps(genesis, indent=2) + "\n")
-                _write_keystore(root / "accounts", "operator", _Key.fresh())
+                write_keystore(root / "accounts", "operator", fresh_key())
                 for node, key in zip(nodes, keys, strict=True):
                     home = root / "validators" / str(node.index)
                     (home / "geth").mkdir(parents=True)
                     home.chmod(0o700)
-                    _write_secret(home / "geth" / "nodekey", key.secret.hex())
+                    write_secret(home / "geth" / "nodekey", key.secret.hex())
                     if consensus == "clique":  # it seals with an account, not with the node's key
-                        _write_keystore(home / "keystore", "validator", key)
-                    write_text(home / "config.toml", tomli_w.dumps(_config(consensus, node, nodes, chain_id)))
+                        write_keystore(home / "keystore", "validator", key)
+                    write_text(home / "config.toml", tomli_w.dumps(node_config(consensus, node, nodes, chain_id)))
                     _initialise(binary, home, root / "genesis.json")
                 state: dict[str, Any] = {"consensus": consensus, "chain_id": chain_id, "period": period}
                 state["validators"] = [asdict(node) for node in nodes]
@@ -400,7 +408,7 @@ def find_binary(consensus: Consensus) -> str:
     )
 
 
-def _genesis(consensus: Consensus, addresses: Sequence[str], chain_id: int, period: int) -> dict[str, Any]:
+def genesis_of(consensus: Consensus, addresses: Sequence[str], chain_id: int, period: int) -> dict[str, Any]:
     """The first block: its extra data names the validators."""
     forks = [
         "homestead",
@@ -441,7 +449,7 @@ def _genesis(consensus: Consensus, addresses: Sequence[str], chain_id: int, peri
     return {**genesis, "extraData": "0x" + extra.hex(), "baseFeePerGas": "0x0"}
 
 
-def _config(consensus: Consensus, node: Validator, nodes: Sequence[Validator], chain_id: int) -> dict[str, Any]:
+def node_config(consensus: Consensus, node: Validator, nodes: Sequence[Validator], chain_id: int) -> dict[str, Any]:
     """A node's configuration file."""
     peers = [peer.enode for peer in nodes if peer is not node]
     miner: dict[str, Any] = {"GasCeil": BLOCK_GAS_LIMIT}
@@ -476,7 +484,7 @@ def _config(consensus: Consensus, node: Validator, nodes: Sequence[Validator], c
                 "BootstrapNodesV5": [],
                 "StaticNodes": peers,
                 "TrustedNodes": peers,
-                "ListenAddr": f"{_LOOPBACK}:{node.p2p_port}",
+                "ListenAddr": f"{_bracketed(node.host)}:{node.p2p_port}",
             },
         },
     }
@@ -490,19 +498,23 @@ def _initialise(binary: str, home: Path, genesis: Path) -> None:
         raise ChainError(f"{binary} init", lines[-1], "a node program that takes this genesis")
 
 
-def _write_keystore(folder: Path, name: str, key: _Key) -> None:
+def write_keystore(folder: Path, name: str, key: Key) -> None:
     """An encrypted key and, beside it, the password that opens it, both for the owner's eyes only."""
     folder.mkdir(parents=True)
     folder.chmod(0o700)
     password = secrets.token_hex(32)
-    _write_secret(folder / f"{name}.json", json.dumps(Account.encrypt(key.secret, password, iterations=_LIGHT_KDF)))
-    _write_secret(folder / f"{name}.password", password)
+    write_secret(folder / f"{name}.json", json.dumps(Account.encrypt(key.secret, password, iterations=_LIGHT_KDF)))
+    write_secret(folder / f"{name}.password", password)
 
 
-def _write_secret(path: Path, text: str) -> None:
+def write_secret(path: Path, text: str) -> None:
     """Write a file that has been readable by its owner alone from its first byte on."""
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
         file.write(text)
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
 
 
 def _environment() -> dict[str, str]:
