@@ -108,8 +108,10 @@ def draw_maps() -> None:
     scene = Scene(uavs, vehicles, owner, np.asarray(reach), np.asarray(0.05))
     maps = Observer(tuple(PAPER_MAPS), 11, 2).look(scene)[0]
 
-    figure, axes = plt.subplots(1, 7, figsize=(14, 2.6), gridspec_kw={"width_ratios": [1.15] + [1] * 6})
-    show_scene(axes[0], scene)
+    figure = plt.figure(figsize=(9.6, 4.5))
+    grid = figure.add_gridspec(2, 5, width_ratios=[1, 1, 1, 1, 1])
+    show_scene(figure.add_subplot(grid[:, :2]), scene)
+    axes = [figure.add_subplot(grid[row, column]) for row in range(2) for column in range(2, 5)]
     titles = (
         "own place, near",
         "own vehicles, near",
@@ -118,7 +120,7 @@ def draw_maps() -> None:
         "coverage, zone",
         "own vehicles, zone",
     )
-    for one, image, title in zip(axes[1:], maps, titles, strict=True):
+    for one, image, title in zip(axes, maps, titles, strict=True):
         one.imshow(image, origin="lower", cmap="Blues", vmin=0)
         one.set(xticks=[], yticks=[])
         one.set_title(title, fontsize=9)

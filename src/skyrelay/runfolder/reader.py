@@ -151,7 +151,8 @@ def read_table(folder: Path, name: str) -> Table:
     path = folder / f"{name}.parquet"
     schema = SCHEMAS[name]
     if name in OPTIONAL and not path.exists():
-        return {field.name: np.empty(0, field.type.to_pandas_dtype()) for field in schema}
+        nothing = {field.name: pa.array([], _read_as(field.type)) for field in schema}
+        return {name: column.to_numpy(zero_copy_only=False) for name, column in nothing.items()}
     _bounded_size(path, MAX_TABLE_FILE)
     texts = [field.name for field in schema if pa.types.is_string(field.type)]
     try:
