@@ -11,10 +11,10 @@ from skyrelay.core.errors import ProtocolError
 from skyrelay.protocol.authority import ReputationAuthority
 from skyrelay.protocol.messages import (
     Beacon,
+    ChangeZone,
     Decide,
     Decided,
     Fix,
-    LeaveZone,
     Mined,
     Move,
     Phase,
@@ -87,8 +87,8 @@ def test_a_uav_whose_battery_is_spent_leaves_and_its_mates_forget_it(town):
     sights = _sights(town, 0)
     assert len(sights["u1"].team) == 2
     town["u2"].receive(Fix((900.0, 900.0), 2.0))
-    assert town["u2"].receive(Tick(Phase.LAND)) == (LeaveZone(),)
-    town["u2"].receive(Mined(LeaveZone()))
+    assert town["u2"].receive(Tick(Phase.LAND)) == (ChangeZone(0),)
+    town["u2"].receive(Mined(ChangeZone(0)))
     town.tick(Phase.LAND)
     assert town["u2"].state is UavState.RETIRED
     assert len(_sights(town, 1)["u1"].team) == 1

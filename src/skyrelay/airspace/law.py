@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skyrelay.airspace.charge import Cost
+from skyrelay.airspace.flight import ACTIONS, move
 from skyrelay.airspace.rotor import rated
 from skyrelay.core.entities import FloatArray
 from skyrelay.core.resolved import ResolvedScenario
@@ -71,6 +72,21 @@ class Law:
         """How far a battery [0-100] still carries a UAV [m]: at the reserve it has to leave."""
         minutes = max(battery - self.energy.reserve, 0.0) / max(self.energy.move_per_minute, 1e-9)
         return minutes * 60.0 / self.seconds * self.stride
+
+    def fence(self, zone: int, place: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Corners [2] of where a UAV at a place [2] may fly: the zone, and what lies between it and the UAV [m]."""
+        corner = np.array(self.grid.corner(zone))
+        return np.minimum(corner, place), np.maximum(corner + self.grid.side, place)
+
+    def way_in(self, zone: int, place: tuple[float, float]) -> int | None:
+        """The action that brings a UAV at a place [m] nearest to its zone; None where it is in it."""
+        here, corner = np.array(place), np.array(self.grid.corner(zone))
+        if ((corner <= here) & (here <= corner + self.grid.side)).all():
+            return None
+        inset = min(self.stride, self.grid.side / 2)  # on the border a goal could be nearer than any move ends
+        goal = np.clip(here, corner + inset, corner + self.grid.side - inset)
+        ends = move(np.tile(here, (ACTIONS, 1)), np.arange(ACTIONS), np.array(self.stride), *self.fence(zone, here))
+        return int(np.hypot(*(ends - goal).T).argmin())
 
     def charger(self, zone: int) -> tuple[float, float, float] | None:
         """Where a zone's charging point is and how far it reaches [m]; None where there are none."""

@@ -71,7 +71,7 @@ def audit_folder(folder: Path, progress: Progress = in_silence, *, head: str | N
     _check_scenario(compared, run, told)
     check_periods(compared, told, rows, run.scenario.selection)
     summary = run.summary
-    check_flight(compared, told, run.vehicles, run.uavs, summary.steps, summary.period_steps, run.grid)
+    check_flight(compared, told, run.vehicles, run.uavs, summary.period_steps, run.grid)
     progress("working the figures out from the tables")
     law = Law.of(resolve(run.scenario, run.grid), run.grid)
     demands = one_demand_each(compared, rows["members"])

@@ -38,8 +38,7 @@ class History:
 
     Attributes:
         demands: [kbit/s] by the vehicle's name, of those that ever proposed.
-        landed: step at which a UAV left, by name.
-        home: zone that a UAV was registered in, by name.
+        zones: by UAV, the steps at which its zone changed, each with the new one; 0 where it left.
         models: ids that were assigned.
         cids: by model id, as the contract has them.
         roles: accounts that were ever granted one.
@@ -49,13 +48,29 @@ class History:
 
     periods: list[Period]
     demands: dict[str, int] = field(default_factory=dict)
-    landed: dict[str, int] = field(default_factory=dict)
-    home: dict[str, int] = field(default_factory=dict)
+    zones: dict[str, list[tuple[int, int]]] = field(default_factory=dict)
     models: set[str] = field(default_factory=set)
     cids: dict[str, bytes] = field(default_factory=dict)
     roles: set[str] = field(default_factory=set)
     registered: dict[str, list[str]] = field(default_factory=lambda: {"uav": [], "vehicle": []})
     parameters: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def landed(self) -> int:
+        """How many UAVs left."""
+        return sum(changes[-1][1] == 0 for changes in self.zones.values())
+
+    def station(self, uav: str, step: int) -> int:
+        """The zone that a UAV last had up to a step, whether or not it has landed since; 0 for an unknown one."""
+        changes = self.zones.get(uav, [])
+        past = [zone for number, (at, zone) in enumerate(changes) if zone and (at <= step or number == 0)]
+        return past[-1] if past else 0
+
+    def zone_at(self, uav: str, step: int) -> int:
+        """A UAV's zone in a step's row; a change between two periods shows in the next row, a landing at once."""
+        changes = self.zones.get(uav, [])
+        past = [zone for number, (at, zone) in enumerate(changes) if number == 0 or at + (zone > 0) <= step]
+        return past[-1] if past else 0
 
 
 def history(
@@ -115,10 +130,7 @@ def history(
             case "UAVZoneUpdated":
                 name = names.get(args["uav"], args["uav"])
                 uavs[name]["zone"] = args["to"]
-                if args["to"]:
-                    told.home.setdefault(name, args["to"])
-                else:
-                    told.landed[name] = step
+                told.zones.setdefault(name, []).append((step, args["to"]))
             case "VehicleRegistered" | "VehicleUpdated":
                 name = names.get(args["vehicle"], args["vehicle"])
                 if event.name == "VehicleRegistered":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,8 +77,7 @@ def check_metrics(
             over_time(f"{kind}selected", bool),
         )
         owner = np.array([numbers.get(name, -1) for name in vehicles[f"{kind}uav"]], dtype=np.int64)
-        home = fleet.zone.max(axis=0)  # a UAV has one zone, until it lands
-        teams[kind] = np.where(owner >= 0, home[owner], 0)
+        teams[kind] = np.where(owner >= 0, _stations(fleet.zone)[vehicles["step"], owner], 0)
         _check_covered(compared, vehicles, kind, owner, fleet, law)
         _check_carried(compared, vehicles, kind, owner, available)
 
@@ -86,7 +85,10 @@ def check_metrics(
     whole = metrics["step"][metrics["zone"] == 0].tolist()
     if whole != list(range(steps + 1)):
         compared.differs(file, "zone 0", "other steps", f"a row for each of the steps 0 to {steps}, in order")
-    taken = [_uavs_by_zone(period.served.values(), told.home) for period in told.periods]
+    taken = [
+        Counter(told.station(uav, number * period_steps) for uav in set(period.served.values()))
+        for number, period in enumerate(told.periods)
+    ]
     order = np.argsort(vehicles["step"], kind="stable")
     bounds = np.searchsorted(vehicles["step"][order], np.arange(steps + 2))
     linked = _teams_linked(compared, metrics, taken, period_steps)
@@ -134,8 +136,11 @@ def _teams_linked(
     return linked
 
 
-def _uavs_by_zone(uavs: Iterable[str], home: Mapping[str, int]) -> Counter[int]:
-    return Counter(home.get(uav, 0) for uav in set(uavs))
+def _stations(zone: Ints) -> Ints:
+    """[steps + 1, U] the zone that each UAV has, or had when it landed."""
+    last = np.where(zone > 0, np.arange(len(zone))[:, None], 0)
+    stations: Ints = np.take_along_axis(zone, np.maximum.accumulate(last, axis=0), axis=0)
+    return stations
 
 
 def _check_covered(compared: Compared, vehicles: Table, kind: str, owner: Ints, fleet: _Fleet, law: Law) -> None:
@@ -215,7 +220,7 @@ def check_summary(
         "vehicles": len(set().union(*members)),
         "vehicles_per_period": round(float(np.mean([len(there) for there in members])), 2),
         "uavs": len(told.registered["uav"]),
-        "uavs_retired": len(told.landed),
+        "uavs_retired": told.landed,
         "served": len({row["vehicle"] for row in proposals}),
         "served_per_period": round(float(np.mean([len(period.served) for period in told.periods])), 2),
         "mean_qou": float(np.mean(accepted)) if len(accepted) else None,

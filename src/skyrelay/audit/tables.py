@@ -164,7 +164,7 @@ def _qualities(period: Period, settings: Settings) -> dict[tuple[str, str], floa
 
 
 def check_flight(
-    compared: Compared, told: History, vehicles: Table, uavs: Table, steps: int, period_steps: int, grid: ZoneGrid
+    compared: Compared, told: History, vehicles: Table, uavs: Table, period_steps: int, grid: ZoneGrid
 ) -> None:
     """Who serves whom at each step, who has landed, and where everyone was when a selection opened."""
     served = [period.served for period in told.periods]
@@ -195,7 +195,7 @@ def check_flight(
         period_of.tolist(),
         strict=True,
     ):
-        expected_zone = 0 if told.landed.get(uav, steps + 1) <= step else told.home.get(uav, 0)
+        expected_zone = told.zone_at(uav, step)
         if zone != expected_zone:
             compared.differs("uavs.parquet", f"step {step}, UAV {uav}: zone", zone, expected_zone)
         if selected != (expected_zone > 0 and uav in taken[period]):

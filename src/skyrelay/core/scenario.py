@@ -211,6 +211,10 @@ class Coordination(_Section):
         description="auto: the shipped policies that fit best; or one's name, the path of an ONNX file, a rule's name "
         "(hovering, cover, ...), or on the command line module:function",
     )
+    dispatch: Annotated[bool, Field(strict=True)] = Field(
+        False,
+        description="between periods UAVs go to a neighbouring zone that lacks bandwidth",
+    )
     patience: Annotated[Real, Field(ge=0.01, le=86_400)] = Field(
         10.0, description="a team mate or vehicle whose last beacon is older counts as gone [s]"
     )

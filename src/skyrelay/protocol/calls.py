@@ -7,8 +7,8 @@ from skyrelay.chain.client import IovClient
 from skyrelay.protocol.messages import (
     AllocateZone,
     ChainCall,
+    ChangeZone,
     DetermineModel,
-    LeaveZone,
     Propose,
     RegisterUav,
     RegisterVehicle,
@@ -32,8 +32,8 @@ def to_call(command: ChainCall, sender: str, client: IovClient) -> Call:
             return client.register_uav(sender, record)
         case UpdateUav(record):
             return client.update_uav_info(sender, record)
-        case LeaveZone():
-            return client.update_uav_zone(sender, zone=0)
+        case ChangeZone(zone):
+            return client.update_uav_zone(sender, zone)
         case AllocateZone(zone, proposals):
             return client.allocate_zone(sender, zone, proposals)
         case DetermineModel(zone):

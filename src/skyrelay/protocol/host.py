@@ -7,12 +7,14 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import ParamSpec, TypeVar
 
+from skyrelay.airspace.law import Law
 from skyrelay.airspace.sight import Sight
 from skyrelay.chain.abi import ContractError, Event
 from skyrelay.chain.chain import Call, Receipt
 from skyrelay.chain.client import IovClient, Model
 from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.calls import to_call
+from skyrelay.protocol.dispatch import Books
 from skyrelay.protocol.messages import (
     Beacon,
     ChainCall,
@@ -27,9 +29,11 @@ from skyrelay.protocol.messages import (
     Move,
     Phase,
     ReadModel,
+    ReadStation,
     ReadZone,
     Refused,
     SendBeacon,
+    StationRead,
     Tick,
     ZoneRead,
 )
@@ -85,6 +89,8 @@ class Host:
                 self._hearers[name].append(agent)
         self._views: dict[int, ZoneView | None] = {}
         self._models: dict[str, Model] = {}
+        self._books = Books()
+        self._moves_between: dict[str, int] | None = None  # by UAV; worked out when first asked for
         self._beacons: list[Beacon] = []
         self._moves: dict[str, int] = {}
 
@@ -204,6 +210,8 @@ class Host:
         match command:
             case ReadZone(zone):
                 answer: Sequence[Command] = agent.receive(ZoneRead(self.view(zone)))
+            case ReadStation(law):
+                answer = agent.receive(StationRead(self._stations(law).get(agent.address)))
             case ReadModel(model):
                 answer = agent.receive(ModelRead(self.model(model)))
             case FetchModel(cid):
@@ -274,8 +282,16 @@ class Host:
             named = (self._named.get(value) for value in event.args.values() if isinstance(value, str))
             for agent in [*hearers, *(agent for agent in named if agent and event.name not in agent.HEARS)]:
                 wishes += [(agent, command) for command in agent.receive(event)]
+            self._books.hear(event)
+            self._moves_between = None
             self._heard(event)
         return wishes
+
+    def _stations(self, law: Law) -> dict[str, int]:
+        """Where UAVs go between two periods, as the chain is at the latest block; all of them go by one plan."""
+        if self._moves_between is None:
+            self._moves_between = self._books.moves(law.grid, law.stride)
+        return self._moves_between
 
     def _timed(self, ask: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         """Call, and count the time as the chain's."""

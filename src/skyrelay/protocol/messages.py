@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TypeAlias
 
+from skyrelay.airspace.law import Law
 from skyrelay.airspace.sight import Sight
 from skyrelay.chain.abi import ContractError, Event
 from skyrelay.chain.client import Model, UavRecord, VehicleRecord
@@ -24,6 +25,7 @@ class Phase(Enum):
     JOIN = "UAVs that are not registered do so"
     CLOSE = "the coordinators end the period before"
     REPORT = "everyone tells the contract where it is"
+    DISPATCH = "UAVs whose zone has more than enough go where it lacks, if the scenario has them do so"
     RATE = "the consortium's authority gives new members their reputation"
     PROPOSE = "vehicles without a UAV propose; once a round"
     ALLOCATE = "the coordinators have the proposals decided; once a round"
@@ -99,6 +101,13 @@ class ZoneRead:
 
 
 @dataclass(frozen=True, slots=True)
+class StationRead:
+    """Answers `ReadStation`: the zone that the UAV goes to; None where it stays."""
+
+    zone: int | None
+
+
+@dataclass(frozen=True, slots=True)
 class ModelRead:
     """Answers `ReadModel`: the model as the contract has it."""
 
@@ -135,7 +144,9 @@ class Refused:
     error: ContractError
 
 
-Message: TypeAlias = Tick | Fix | Event | Beacon | ZoneRead | ModelRead | ModelFetched | Decided | Mined | Refused
+Message: TypeAlias = (
+    Tick | Fix | Event | Beacon | ZoneRead | StationRead | ModelRead | ModelFetched | Decided | Mined | Refused
+)
 
 
 # Commands: calls of the contract
@@ -179,8 +190,10 @@ class UpdateUav:
 
 
 @dataclass(frozen=True, slots=True)
-class LeaveZone:
-    """updateUAVZone(0)."""
+class ChangeZone:
+    """updateUAVZone(): it flies in another zone from now on; in 0 it has left."""
+
+    zone: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,7 +231,7 @@ ChainCall: TypeAlias = (
     | Propose
     | RegisterUav
     | UpdateUav
-    | LeaveZone
+    | ChangeZone
     | AllocateZone
     | DetermineModel
     | ResetZone
@@ -234,6 +247,13 @@ class ReadZone:
     """getZoneUAV() and getUAVInfo() of a zone."""
 
     zone: int
+
+
+@dataclass(frozen=True, slots=True)
+class ReadStation:
+    """Where the UAV goes by `skyrelay.protocol.dispatch`: worked out by the host for all its UAVs at once."""
+
+    law: Law
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,4 +292,4 @@ class Move:
     action: int
 
 
-Command: TypeAlias = ChainCall | ReadZone | ReadModel | FetchModel | SendBeacon | Decide | Move
+Command: TypeAlias = ChainCall | ReadZone | ReadStation | ReadModel | FetchModel | SendBeacon | Decide | Move

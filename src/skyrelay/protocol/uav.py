@@ -12,12 +12,12 @@ from skyrelay.chain.client import Model, UavRecord
 from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.messages import (
     Beacon,
+    ChangeZone,
     Command,
     Decide,
     Decided,
     FetchModel,
     Fix,
-    LeaveZone,
     Message,
     Mined,
     ModelFetched,
@@ -25,9 +25,11 @@ from skyrelay.protocol.messages import (
     Move,
     Phase,
     ReadModel,
+    ReadStation,
     Refused,
     RegisterUav,
     SendBeacon,
+    StationRead,
     Tick,
     UpdateUav,
 )
@@ -104,6 +106,8 @@ class UavAgent(Agent):
                 return (Move(action),)
             case Event():
                 return self._hear(message)
+            case StationRead(zone):
+                return () if zone is None else self._call(ChangeZone(zone))
             case ModelRead(model) if model.model_id == self._model:
                 self._read = model
                 return self._equip(model)
@@ -123,14 +127,18 @@ class UavAgent(Agent):
             case Phase.CLOSE if self.state not in {UavState.SELECTED, UavState.FLYING}:
                 self._end_period()
             case Phase.LAND if self._fix.battery <= self._law.energy.reserve and self.machine.allows(UavMessage.RETIRE):
-                return self._call(LeaveZone())
+                return self._call(ChangeZone(0))
             case Phase.REPORT if self.state is UavState.AVAILABLE:
                 return self._report(UpdateUav)
+            case Phase.DISPATCH if self.state is UavState.AVAILABLE and self._zone:
+                return (ReadStation(self._law),)
             case Phase.BEACON if self._zone:
                 if self.state is UavState.SELECTED and self._model is not None:
                     # One that was started again has its policy to load before it can fly.
                     return (*self._beacon(tick.time), ReadModel(self._model))
                 return self._beacon(tick.time)
+            case Phase.DECIDE if (way := self._way_in()) is not None:
+                return (Move(way),)
             case Phase.DECIDE if self.state is UavState.FLYING and self.policy is not None:
                 place = self._fix.position  # without one it hovers: it may be anywhere
                 if place is None:
@@ -138,6 +146,12 @@ class UavAgent(Agent):
                 self._decisions += 1
                 return (Decide(self.policy, self._sight(place, tick.time)),)
         return ()
+
+    def _way_in(self) -> int | None:
+        """Of a UAV that comes from another zone: the action that brings it nearest to its own; None inside it."""
+        if not self._zone or self._fix.position is None:
+            return None
+        return self._law.way_in(self._zone, self._fix.position)
 
     def _report(self, kind: type[RegisterUav | UpdateUav], zone: int = 0) -> Sequence[Command]:
         """Tell the contract where it is; nothing without a fix, so that the contract goes by the last one."""

@@ -100,11 +100,12 @@ class Flight:
         if moves:
             rows = np.array(list(moves), dtype=np.int64)
             self.actions[rows] = list(moves.values())
-            grid = self._law.grid
-            corners = np.array([grid.corner(zone) for zone in self.fleet.zone[rows].tolist()])
-            moved = rules.move(
-                self._positions(rows), self.actions[rows], self._law.stride, corners, corners + grid.side
-            )
+            here = self._positions(rows)
+            fences = [
+                self._law.fence(zone, place) for zone, place in zip(self.fleet.zone[rows].tolist(), here, strict=True)
+            ]
+            low, high = (np.array(corners) for corners in zip(*fences, strict=True))
+            moved = rules.move(here, self.actions[rows], self._law.stride, low, high)
             self.fleet.x[rows], self.fleet.y[rows] = moved[:, 0], moved[:, 1]
         self.fleet.drain(self._law, self.actions != rules.STAY)
 
@@ -112,6 +113,11 @@ class Flight:
         """Rows of the UAVs in the air whose battery is down to the reserve."""
         low = (self.fleet.zone > 0) & (self.fleet.battery <= self._law.energy.reserve)
         return np.flatnonzero(low).astype(np.int64)
+
+    def station(self, zones: Mapping[int, int]) -> None:
+        """UAVs, by their rows, fly in these zones from now on; in zone 0 they have landed."""
+        for row, zone in zones.items():
+            self.fleet.zone[row] = zone
 
     def retire(self, rows: IntArray) -> None:
         """UAVs land: no zone, no vehicles covered by them."""

@@ -19,14 +19,14 @@ class Ledger:
         vehicles, uavs: the row of each member by its address.
 
     Attributes:
-        left: rows of UAVs that left, since they were last taken away.
+        zones: that UAVs have changed to since they were last taken away, by row; 0: left.
         proposals: of the present period, in the order of submission.
         models: ids of all that were assigned.
     """
 
     def __init__(self, vehicles: Mapping[str, int], uavs: Mapping[str, int]) -> None:
         self._vehicles, self._uavs = vehicles, uavs
-        self.left: list[int] = []
+        self.zones: dict[int, int] = {}
         self.proposals: list[dict[str, Any]] = []
         self.models: set[str] = set()
         self._submitted = 0
@@ -36,8 +36,8 @@ class Ledger:
         """Note an event."""
         args = event.args
         match event.name:
-            case "UAVZoneUpdated" if args["to"] == 0:
-                self.left.append(self._uavs[args["uav"]])
+            case "UAVZoneUpdated":
+                self.zones[self._uavs[args["uav"]]] = args["to"]
             case "VehSelectionSubmitted":
                 self.proposals.append(
                     {
@@ -59,10 +59,10 @@ class Ledger:
         """The period before is over: what belonged to it is void."""
         self.proposals, self._held = [], {}
 
-    def take_left(self) -> IntArray:
-        """Rows of the UAVs that have left since this was last called."""
-        left, self.left = self.left, []
-        return np.array(left, dtype=np.int64)
+    def take_zones(self) -> dict[int, int]:
+        """The zones that UAVs have changed to since this was last called, by row; 0 where one has left."""
+        zones, self.zones = self.zones, {}
+        return zones
 
     def owner(self) -> IntArray:
         """[V] the row of the UAV that serves each vehicle in this period, or -1."""

@@ -189,6 +189,9 @@ class Run:
         self._tick(Phase.CLOSE, period)
         self._land(period)
         self._tick(Phase.REPORT, period)
+        if self.scenario.coordination.dispatch:
+            self._tick(Phase.DISPATCH, period)
+            self.flying.flight.station(self.ledger.take_zones())
         self._tick(Phase.RATE, period)
         views = [view for zone in self.world.law.grid.ids if (view := self.hosts.view(zone)) is not None]
         self.written.period(period, step, views, self._name_of)
@@ -233,7 +236,7 @@ class Run:
     def _land(self, period: int) -> None:
         """UAVs with an empty battery leave: the flying fleet's by the chain, the comparator's in the air only."""
         self._tick(Phase.LAND, period)
-        self.flying.flight.retire(self.ledger.take_left())
+        self.flying.flight.station(self.ledger.take_zones())
         self.hovering.flight.retire(self.hovering.flight.spent())
 
     # The world
