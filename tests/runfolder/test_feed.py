@@ -13,7 +13,6 @@ from skyrelay.runfolder.feed import (
     Record,
     Uav,
     Vehicle,
-    live_key,
     read_header,
     read_record,
 )
@@ -64,7 +63,3 @@ def test_what_is_too_long_or_deep_or_no_json_is_not_parsed() -> None:
     for message in (b" " * (LONGEST_MESSAGE + 1), "[" * 1000, "nothing", b"\xff"):
         with pytest.raises(RunFolderError, match="live feed: header"):
             read_header(message)
-
-
-def test_the_feed_has_its_place_on_the_bus() -> None:
-    assert live_key("0xab", "record") == "skyrelay/0xab/live/record"

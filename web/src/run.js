@@ -197,9 +197,11 @@ export class LiveRun extends Run {
     return names.length - 1;
   }
 
-  /* Returns whether it was new. */
+  /* Returns whether it was new. A second record of the newest step takes the place of the first, and adds what it tells. */
   add(record) {
-    if (this.first >= 0 && record.step <= this.steps) return false;
+    if (this.first >= 0 && record.step < this.steps) return false;
+    const before = this.frames.get(record.step);
+    if (before) this.held -= before.count + before.fleet.state.length + 1;
     const [x0, y0] = this.origin;
     const size = Math.max(this.uavs.length, record.uavs.length);
     const fleet = { x: [], y: [], zone: [], state: [], battery: [], age: [] };
@@ -226,7 +228,7 @@ export class LiveRun extends Run {
       frame.covered[k] = covered;
     });
     this.frames.set(record.step, frame);
-    this.held += count + record.uavs.length + 1;
+    this.held += count + fleet.state.length + 1;
     if (this.first < 0) this.first = record.step;
     this.steps = record.step;
     for (const [block, name, parts] of record.events) {

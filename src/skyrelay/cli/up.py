@@ -66,6 +66,9 @@ def command(
             show_default="as fast as it goes",
         ),
     ] = None,
+    live: Annotated[
+        bool, typer.Option("--live/--no-live", help="Show the fleet as it flies, on a page at loopback.")
+    ] = True,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -81,7 +84,7 @@ def command(
     """
     from skyrelay.cli.progress import ShownProgress
     from skyrelay.core.scenario import load_scenario
-    from skyrelay.pilot.up import Nodes, new_hosts_folder, up
+    from skyrelay.pilot.up import Nodes, a_port, new_hosts_folder, up
     from skyrelay.report import write_figures, write_report
     from skyrelay.runfolder import new_run_folder
 
@@ -117,6 +120,7 @@ def command(
             wait=wait,
             speed=speed,
             nodes=Nodes(validators, target.with_name(f"{target.name}-devnet"), force, kubo),
+            live=a_port(8765) if live else None,
         )
     if as_json:
         print_result(summary, as_json)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -23,11 +23,13 @@ MAX_BYTES = 4 << 20
 """A larger file is no configuration."""
 
 
-class _Table(BaseModel):
+class Table(BaseModel):
+    """A frozen table of a file; an unknown key is an error."""
+
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Area(_Table):
+class Area(Table):
     """The grid of zones; as `ZoneGrid`."""
 
     x0: float
@@ -36,8 +38,12 @@ class Area(_Table):
     columns: Annotated[int, Field(ge=1, le=1000)]
     rows: Annotated[int, Field(ge=1, le=1000)]
 
+    def grid(self) -> ZoneGrid:
+        """Of the zones."""
+        return ZoneGrid(**dict(self))
 
-class ChainAccess(_Table):
+
+class ChainAccess(Table):
     """The contract, and the keys that speak to it."""
 
     urls: Annotated[list[str], Field(min_length=1, max_length=20)] = Field(description="endpoints, the next in reserve")
@@ -47,7 +53,7 @@ class ChainAccess(_Table):
     confirmations: Annotated[int, Field(ge=0, le=1000)] = 0
 
 
-class StoreAccess(_Table):
+class StoreAccess(Table):
     """Where policies come from: a Kubo node, or a folder."""
 
     url: str | None = None
@@ -60,7 +66,7 @@ class StoreAccess(_Table):
         return self
 
 
-class BusAccess(_Table):
+class BusAccess(Table):
     """Where this host is reached on the bus, and by whom it finds the others."""
 
     listen: list[Endpoint] = [ANY_PORT]
@@ -74,7 +80,7 @@ class BusAccess(_Table):
         return Weather(self.loss, self.delay, self.seed)
 
 
-class Vehicle(_Table):
+class Vehicle(Table):
     """A vehicle of this host."""
 
     name: Name
@@ -82,7 +88,7 @@ class Vehicle(_Table):
     payment: Annotated[int, Field(ge=0, le=2**32 - 1)] = Field(description="[cents per Mbit/s]")
 
 
-class Uav(_Table):
+class Uav(Table):
     """A UAV of this host."""
 
     name: Name
@@ -90,7 +96,7 @@ class Uav(_Table):
     bandwidth: Annotated[int, Field(ge=0, le=2**32 - 1)] = Field(description="that it offers in a period [kbit/s]")
 
 
-class Coordinator(_Table):
+class Coordinator(Table):
     """What this host coordinates, and which newcomers it vouches for."""
 
     zones: Annotated[list[Annotated[int, Field(ge=1)]], Field(max_length=1_000_000)] = []
@@ -100,7 +106,7 @@ class Coordinator(_Table):
     )
 
 
-class HostConfig(_Table):
+class HostConfig(Table):
     """A host's whole file."""
 
     name: Name = Field(description="of the host, as the world knows it")
@@ -118,7 +124,7 @@ class HostConfig(_Table):
 
     def grid(self) -> ZoneGrid:
         """Of the zones."""
-        return ZoneGrid(**dict(self.area))
+        return self.area.grid()
 
     def resolved(self) -> ResolvedScenario:
         """The scenario in this area."""
@@ -129,13 +135,14 @@ class HostConfig(_Table):
         return Law.of(self.resolved(), self.grid())
 
 
-def load_config(path: Path, members: Sequence[str] = ()) -> HostConfig:
-    """Read and check a host's file; relative paths in it start from its folder.
+TableT = TypeVar("TableT", bound=Table)
 
-    Args:
-        members: of those in the file, the ones to host; all where empty.
+
+def read_table(path: Path, kind: type[TableT]) -> TableT:
+    """Read and check a file of one kind.
+
     Raises:
-        UsageError: naming the first key that does not fit, or a member that is not in the file.
+        UsageError: naming the first key that does not fit.
     """
     try:
         with path.open("rb") as file:
@@ -148,9 +155,20 @@ def load_config(path: Path, members: Sequence[str] = ()) -> HostConfig:
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise UsageError(path, None, f"TOML ({error})") from error
     try:
-        config = HostConfig.model_validate(tree)
+        return kind.model_validate(tree)
     except ValidationError as error:
         raise _fault(path, error) from None
+
+
+def load_config(path: Path, members: Sequence[str] = ()) -> HostConfig:
+    """Read and check a host's file; relative paths in it start from its folder.
+
+    Args:
+        members: of those in the file, the ones to host; all where empty.
+    Raises:
+        UsageError: naming the first key that does not fit, or a member that is not in the file.
+    """
+    config = read_table(path, HostConfig)
     config = _placed(config, path.resolve().parent)
     if not members:
         return config

@@ -129,6 +129,7 @@ def up(
     wait: float = 30.0,
     speed: float | None = None,
     nodes: Nodes = Nodes(),
+    live: int | None = None,
 ) -> dict[str, Any]:
     """Start all of it, play the scenario in lock-step, and leave a run folder as `skyrelay.simulation.play` does.
 
@@ -145,6 +146,7 @@ def up(
         wait: how long the world stands still for a host that does not answer [s].
         speed: seconds of the world's clock to one of the wall's, at most; None as fast as the hosts can.
         nodes: the real node programs in place of our own parts.
+        live: the port on loopback at which a page shows the fleet; None for no page.
     Returns: the summary, as in ``summary.json``.
     Raises:
         UsageError, TraceError, ModelError, StoreError, ChainError, BusError: naming what was wrong with what.
@@ -188,6 +190,10 @@ def up(
                 say(f"{place.name:<12} is waited for: skyrelay {' '.join(command)}")
             else:
                 children.start(place.name, command, again=True)
+        watch = _write_watch(world, consortium, hosts, url, endpoint, accounts)
+        if live is not None:
+            children.start("live", ["live", "--config", str(watch), "--port", str(live)])
+            say(f"{'live':<12} http://{LOOPBACK}:{live}/")
         run = Run(world, consortium.account)
         members = {place.name: list(place.accounts().values()) for place in places}
         run.hosts = remote = RemoteHosts(
@@ -230,6 +236,16 @@ def new_hosts_folder(path: Path) -> Iterator[Path]:
     finally:
         for file in path.glob("*.keystore"):
             file.unlink()
+
+
+def a_port(wanted: int) -> int:
+    """A TCP port of loopback: the one that is wanted, or any where somebody has it."""
+    with socket.socket() as probe:
+        try:
+            probe.bind((LOOPBACK, wanted))
+        except OSError:
+            return free_port()
+    return wanted
 
 
 def free_port(address: str = LOOPBACK) -> int:
@@ -308,6 +324,29 @@ def _places(world: World, hosts: Path, password: str, uav_hosts: int, coordinato
 def _accounts(places: Sequence[Place]) -> dict[str, str]:
     """Addresses by name."""
     return {name: address for place in places for name, address in place.accounts().items()}
+
+
+def _write_watch(
+    world: World, consortium: Consortium, hosts: Path, url: str, bus: str, accounts: dict[str, str]
+) -> Path:
+    """The file of whoever looks on (`skyrelay live`): it has no key."""
+    plane = world.tracks.plane
+    config = {
+        "scenario": "scenario.toml",
+        "area": asdict(world.law.grid),
+        **({} if plane is None else {"plane": plane}),
+        "chain": {
+            "urls": url.split(","),
+            "chain_id": consortium.chain.chain_id,
+            "contract": consortium.client.address,
+            "confirmations": world.scenario.chain.confirmations,
+        },
+        "bus": {"connect": [bus]},
+        "members": {address: name for name, address in accounts.items()},
+    }
+    path = hosts / "live.toml"
+    write_text(path, tomli_w.dumps(config))
+    return path
 
 
 def _write_config(

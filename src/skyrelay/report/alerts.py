@@ -7,10 +7,7 @@ import json
 import numpy as np
 
 from skyrelay.runfolder import Run
-from skyrelay.runfolder.feed import Alert
-
-LOW = 2.0
-"""A battery that is at most so much above the reserve is low [%]."""
+from skyrelay.runfolder.feed import LOW_BATTERY, Alert
 
 
 def alerts(run: Run) -> list[tuple[int, Alert]]:
@@ -31,7 +28,7 @@ def _batteries(run: Run) -> list[tuple[int, Alert]]:
         if zone == 0 and not landed:
             landed = True
             found.append((step, Alert("low-battery", uav, f"{uav} has landed, its battery at {battery:.1f} %")))
-        elif not warned and not landed and battery <= reserve + LOW:
+        elif not warned and not landed and battery <= reserve + LOW_BATTERY:
             warned = True
             found.append((step, Alert("low-battery", uav, f"{uav} has {battery:.1f} % left")))
     return found

@@ -25,8 +25,7 @@ from websockets.typing import Subprotocol
 
 from skyrelay.core.errors import UsageError
 from skyrelay.report.page import render_live
-from skyrelay.report.replay import Feed
-from skyrelay.runfolder.feed import LONGEST_MESSAGE, Header
+from skyrelay.runfolder.feed import LONGEST_MESSAGE, Feed, Header
 
 PROTOCOL = Subprotocol("skyrelay-live-1")
 MOST_CLIENTS = 64

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from skyrelay.core.errors import RunFolderError
 from skyrelay.core.untrusted import parse_json
 from skyrelay.report.alerts import alerts
+from skyrelay.runfolder.feed import arguments_of
 from skyrelay.runfolder.reader import MAX_TEXT, Run
 
 COLOURS = 8
@@ -228,14 +229,4 @@ def event_arguments(run: Run, row: int, names: Mapping[str, str]) -> list[str]:
         raise RunFolderError(place, text, f"JSON ({error})") from error
     if not isinstance(arguments, dict):
         raise RunFolderError(place, text, "a JSON object")
-    return [part for name, value in arguments.items() for part in (name, _text(value, names))]
-
-
-def _text(value: Any, names: Mapping[str, str]) -> str:
-    if isinstance(value, str):
-        return names.get(value, value)
-    if isinstance(value, list):
-        return ", ".join(_text(item, names) for item in value)
-    if isinstance(value, dict):
-        return ", ".join(f"{name} {_text(item, names)}" for name, item in value.items())
-    return json.dumps(value)
+    return arguments_of(arguments, names)

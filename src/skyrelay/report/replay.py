@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import secrets
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -12,11 +11,7 @@ import numpy.typing as npt
 from skyrelay.report.alerts import alerts
 from skyrelay.report.payload import event_arguments
 from skyrelay.runfolder import Run
-from skyrelay.runfolder.feed import Building, Event, Header, Record, Uav, Vehicle
-
-Feed = AsyncIterator[Header | Record]
-"""One header, then a record for each step in their order; a header in between begins another session."""
-
+from skyrelay.runfolder.feed import Event, Feed, Header, Record, Uav, Vehicle, header_of
 
 _NOBODY = np.empty(0, np.int64)
 
@@ -37,30 +32,10 @@ async def replay(run: Run, speed: float = 1.0) -> Feed:
 
 def header(run: Run) -> Header:
     """A run's header, of a session of its own."""
-    summary, energy, grid = run.summary, run.scenario.energy, run.grid
-    offset = np.array(energy.charging_point) * grid.side
     ends = np.flatnonzero(np.diff(run.streets["street"])) + 1
     corners = np.column_stack([run.streets["x"], run.streets["y"]])
-    return Header(
-        session=secrets.token_hex(8),
-        name=summary.name,
-        step_seconds=summary.step_seconds,
-        period_steps=summary.period_steps,
-        range_m=summary.range_m,
-        reserve=energy.reserve,
-        grid=summary.grid,
-        charging=[
-            (float(x), float(y), energy.charging_radius)
-            for x, y in (np.array(grid.corner(zone)) + offset for zone in grid.ids)
-        ]
-        if energy.charge_per_minute
-        else [],
-        buildings=[
-            Building([value for corner in building.polygon for value in corner], building.height)
-            for building in run.scenario.obstacles.buildings
-        ],
-        streets=[line.ravel().tolist() for line in np.split(corners, ends) if len(line)],
-    )
+    lines = np.split(corners, ends) if len(corners) else []
+    return header_of(run.scenario, run.grid, run.summary.range_m, lines)
 
 
 def records(run: Run) -> Iterator[Record]:

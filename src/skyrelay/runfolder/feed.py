@@ -1,18 +1,25 @@
 """The live feed: what a control room is told of a fleet, step by step, as JSON texts.
 
-One `Header` comes first, then one `Record` for each step, in the order of the steps; agents publish the same texts on
-the bus under `live_key`. Rows are lists and not objects: a
+One `Header` comes first, then one `Record` for each step, in the order of the steps. Rows are lists and not objects: a
 city's 10,000 vehicles stay under half a megabyte a step.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, NamedTuple, TypeVar
+import json
+import secrets
+from collections.abc import AsyncIterator, Iterable, Mapping
+from dataclasses import asdict
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
+import numpy as np
+import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from skyrelay.core.errors import RunFolderError
+from skyrelay.core.scenario import Scenario
 from skyrelay.core.untrusted import parse_json
+from skyrelay.core.zones import ZoneGrid
 from skyrelay.runfolder.schema import Grid, Measure, Positive, Text
 
 LONGEST_MESSAGE = 16 * 2**20
@@ -27,10 +34,8 @@ Id = Annotated[str, Field(min_length=1, max_length=256)]
 Line = Annotated[list[Measure], Field(max_length=MAX_POINTS)]
 """x, y, x, y... [m]."""
 
-
-def live_key(contract: str, kind: str = "*") -> str:
-    """Where the feed is published on the bus: ``header`` or ``record``; the default is both."""
-    return f"skyrelay/{contract}/live/{kind}"
+LOW_BATTERY = 2.0
+"""A battery that is at most so much above the reserve is low [%]."""
 
 
 class Vehicle(NamedTuple):
@@ -67,10 +72,13 @@ class Event(NamedTuple):
     arguments: Annotated[list[Annotated[str, Field(max_length=100_000)]], Field(max_length=100)]
 
 
+AlertKind = Literal["late-allocation", "silent-uav", "low-battery", "no-quorum", "other"]
+
+
 class Alert(NamedTuple):
     """What somebody should look at: the member or zone it is about ("" for the whole), and one line of text."""
 
-    kind: Literal["late-allocation", "silent-uav", "low-battery", "no-quorum", "other"]
+    kind: AlertKind
     about: Annotated[str, Field(max_length=256)]
     text: Annotated[str, Field(max_length=500)]
 
@@ -108,7 +116,7 @@ class Header(BaseModel):
 
 
 class Record(BaseModel):
-    """One step."""
+    """One step; a second one of the same step has what came to be known of it since."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -117,6 +125,54 @@ class Record(BaseModel):
     uavs: Annotated[list[Uav], Field(max_length=MAX_UAVS)]
     events: Annotated[list[Event], Field(max_length=MAX_EVENTS)] = []
     alerts: Annotated[list[Alert], Field(max_length=MAX_EVENTS)] = []
+
+
+Feed = AsyncIterator[Header | Record]
+"""One header, then a record for each step in their order; a header in between begins another session."""
+
+
+def header_of(
+    scenario: Scenario, grid: ZoneGrid, range_m: float, streets: Iterable[npt.NDArray[np.float64]] = ()
+) -> Header:
+    """The header of a scenario in its area, of a session of its own.
+
+    Args:
+        range_m: of the links, which a scenario may leave open [m].
+        streets: each [P, 2] [m].
+    """
+    flight, energy = scenario.coordination, scenario.energy
+    offset = np.array(energy.charging_point) * grid.side
+    points = [np.array(grid.corner(zone)) + offset for zone in grid.ids] if energy.charge_per_minute else []
+    return Header(
+        session=secrets.token_hex(8),
+        name=scenario.name,
+        step_seconds=flight.step_seconds,
+        period_steps=flight.period_steps,
+        range_m=range_m,
+        reserve=energy.reserve,
+        grid=Grid(**asdict(grid)),
+        charging=[(float(x), float(y), energy.charging_radius) for x, y in points],
+        buildings=[
+            Building([value for corner in building.polygon for value in corner], building.height)
+            for building in scenario.obstacles.buildings
+        ],
+        streets=[line.ravel().tolist() for line in streets],
+    )
+
+
+def arguments_of(arguments: Mapping[str, Any], names: Mapping[str, str]) -> list[str]:
+    """An event's arguments as text: name, value, name, value...; an account is called by its name."""
+    return [part for name, value in arguments.items() for part in (name, _text(value, names))]
+
+
+def _text(value: Any, names: Mapping[str, str]) -> str:
+    if isinstance(value, str):
+        return names.get(value, value)
+    if isinstance(value, list | tuple):
+        return ", ".join(_text(item, names) for item in value)
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_text(item, names)}" for name, item in value.items())
+    return json.dumps(value)
 
 
 def read_header(message: bytes | str) -> Header:
