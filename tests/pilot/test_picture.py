@@ -151,7 +151,8 @@ def test_a_low_battery_is_said_once_and_again_after_a_charge(picture):
 def test_a_uav_that_lands_is_said(picture):
     fly(picture, 1)
     picture.hear(event("UAVZoneUpdated", uav=A, **{"from": 1, "to": 0}))
-    record = picture.record()
+    assert picture.record().uavs[0].zone == 1  # in the step that has begun it flies
+    record = picture.record(ahead=True)
     assert record.alerts[0].kind == "low-battery"
     assert "u1 has landed" in record.alerts[0].text
     assert (record.uavs[0].zone, record.uavs[0].selected) == (0, False)

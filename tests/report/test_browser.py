@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 from selenium import webdriver
 from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
@@ -14,6 +15,8 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select, WebDriverWait
 
+from skyrelay.airspace.observation import Scene, six_maps
+from skyrelay.policy import Policy
 from skyrelay.report import write_report
 
 pytestmark = pytest.mark.browser
@@ -322,7 +325,7 @@ def test_a_member_is_found_by_its_name(opened: webdriver.Chrome) -> None:
     opened.find_element(By.ID, "find").send_keys("uav_03", Keys.ENTER)
     wait(opened, lambda d: d.find_element(By.ID, "member-name").text == "uav_03")
     maps = opened.find_elements(By.CSS_SELECTOR, "#member-maps canvas")
-    assert len(maps) == 3
+    assert len(maps) == 6
     painted = "return arguments[0].getContext('2d').getImageData(0, 0, 88, 88).data.some((value) => value > 0)"
     assert all(opened.execute_script(painted, one) for one in maps)
 
@@ -351,12 +354,52 @@ def test_alerts_tell_what_happened_and_lead_there(opened: webdriver.Chrome) -> N
     assert opened.find_element(By.ID, "member-name").text == "uav_00"
 
 
+def test_the_six_maps_are_those_that_the_uavs_policy_looks_at(opened: webdriver.Chrome) -> None:
+    seen = opened.execute_script(
+        "skyrelay.seek(7); const scene = skyrelay.observe(), { run } = skyrelay, told = [];"
+        "for (const [zone, team] of scene.teams) for (const uav of team)"
+        "  told.push({ uav, team, area: run.zoneArea(zone), maps:"
+        "    skyrelay.sixMaps(run, scene, uav).map((map) => [...map]) });"
+        "return { told, reach: run.range, uavs: [...scene.uavs.x].map((x, u) => [x, scene.uavs.y[u]]),"
+        "  vehicles: Array.from({ length: scene.count }, (_, k) =>"
+        "    [scene.vehicles.x[k], scene.vehicles.y[k], scene.vehicles.uav[k]]) };"
+    )
+    vehicles = np.array(seen["vehicles"])
+    compared = 0
+    for told in seen["told"]:
+        x0, y0, x1, _ = told["area"]
+        mates = [told["uav"], *(uav for uav in told["team"] if uav != told["uav"])]
+        owner = np.where(vehicles[:, 2] == told["uav"], 0, -1)
+        where = Scene.in_metres(np.array(seen["uavs"])[mates], vehicles[:, :2], owner, (x0, y0), x1 - x0, seen["reach"])
+        np.testing.assert_array_equal(np.reshape(told["maps"], (6, 11, 11)), six_maps(where, 11, 3, 1)[0])
+        compared += int((owner == 0).any())
+    assert compared > 3
+    card = Policy.named("generalist").card
+    assert (card.n, card.zoom) == (11, 3)
+    opened.execute_script(f"skyrelay.pick({{ kind: 'uav', index: {seen['told'][0]['uav']} }})")
+    wait(opened, lambda d: len(d.find_elements(By.CSS_SELECTOR, "#member-maps canvas")) == 6)
+    assert opened.execute_script(
+        "return [...document.querySelectorAll('#member-maps canvas')].every((canvas) =>"
+        " canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value > 0))"
+    )
+
+
 def test_figures_are_in_a_readers_units(opened: webdriver.Chrome) -> None:
     units = (
-        "return [['x', '32306'], ['battery', '2545'], ['demand', '2260'], ['qov', '53491864190053480'],"
-        " ['score', '112520982006525992'], ['zone', '3'], ['x', 'north']].map((pair) => skyrelay.inUnits(...pair))"
+        "return [['x', '32306'], ['uavX', '-19797'], ['battery', '2545'], ['demand', '2260'],"
+        " ['qov', '53491864190053480'], ['score', '112520982006525992'], ['zone', '3'], ['x', 'north']]"
+        ".map((pair) => skyrelay.inUnits(...pair))"
     )
-    assert opened.execute_script(units) == ["3,230.6 m", "25.45 %", "2.26 Mbit/s", "53.5", "1.125", "3", "north"]
+    assert opened.execute_script(units) == [
+        "3,230.6 m",
+        "-1,979.7 m",
+        "25.45 %",
+        "2.26 Mbit/s",
+        "53.5",
+        "1.125",
+        "3",
+        "north",
+    ]
 
 
 @pytest.mark.parametrize(("width", "height"), [(1440, 900), (1024, 768), (390, 844)])

@@ -6,6 +6,7 @@ import { Lists } from "./lists.js";
 import { listen } from "./live.js";
 import { FleetMap } from "./map.js";
 import { Member, facts, nameOf } from "./member.js";
+import { sixMaps } from "./maps.js";
 import { fromPayload, LiveRun } from "./run.js";
 import { observe, whereIs } from "./scene.js";
 import { $, clock, count, html, inUnits, percent, svg } from "./words.js";
@@ -527,7 +528,7 @@ function startLive() {
 }
 
 /* For the console and the tests; the page itself reads nothing from it. */
-const page = (window.skyrelay = { state, layers, painted: 0, script: 0, seek, pick, setZone, observe: () => observe(run, state.mode, state.time, false), inUnits });
+const page = (window.skyrelay = { state, layers, painted: 0, script: 0, seek, pick, setZone, observe: () => observe(run, state.mode, state.time, false), inUnits, sixMaps });
 
 start().catch((error) => {
   html("p", { className: "fatal", role: "alert", textContent: "This page could not be shown: " + error.message }, document.body);

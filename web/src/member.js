@@ -1,8 +1,9 @@
 /* The picked member: what it does now, its history as two small series, what a UAV has around it, and its selections. */
 
+import { CELLS, NAMES, sixMaps } from "./maps.js";
 import { $, clock, html, number, svg } from "./words.js";
 
-const CELLS = 11; // of a side of the maps, as the policies' have
+const PIXELS = 8; // of a map's cell
 const LEFT = 34, WIDTH = 300, HEIGHT = 64;
 
 export class Member {
@@ -11,6 +12,13 @@ export class Member {
     this.seek = seek;
     this.key = "";
     $("member-close").onclick = close;
+    this.pens = NAMES.map(() => html("canvas", { width: CELLS * PIXELS, height: CELLS * PIXELS }).getContext("2d"));
+    $("member-maps").replaceChildren(...this.pens.map(({ canvas }, m) => {
+      const figure = html("figure", {});
+      figure.append(canvas);
+      html("figcaption", { textContent: NAMES[m] }, figure);
+      return figure;
+    }));
     for (const element of [$("member-history")]) {
       element.onpointerdown = (event) => {
         const chart = event.target.closest("svg");
@@ -138,48 +146,26 @@ export class Member {
     return rows.slice(-12).reverse();
   }
 
-  /* Its zone in cells, north up, from the positions shown: its own vehicles, its team, and how many UAVs reach a cell. */
+  /* The six maps, north up, each shaded by its own greatest level; a frame where the UAV itself is. */
   #drawMaps(scene, index, theme) {
-    const { run } = this;
-    const { uavs, vehicles } = scene;
-    const zone = uavs.zone[index];
-    $("member-maps").hidden = !zone;
-    if (!zone) return;
-    const [x0, y0, x1] = run.zoneArea(zone);
-    const cell = (x1 - x0) / CELLS;
-    const place = (x, y) => {
-      const column = Math.floor((x - x0) / cell), row = Math.floor((y - y0) / cell);
-      return column < 0 || row < 0 || column >= CELLS || row >= CELLS ? -1 : (CELLS - 1 - row) * CELLS + column;
-    };
-    const maps = [new Float32Array(CELLS ** 2), new Float32Array(CELLS ** 2), new Float32Array(CELLS ** 2)];
-    for (let k = 0; k < scene.count; k++) {
-      const at = vehicles.uav[k] === index ? place(vehicles.x[k], vehicles.y[k]) : -1;
-      if (at >= 0) maps[0][at]++;
-    }
-    for (const u of scene.teams.get(zone) ?? []) {
-      const at = place(uavs.x[u], uavs.y[u]);
-      if (at >= 0 && u !== index) maps[1][at]++;
-      for (let i = 0; i < CELLS ** 2; i++) {
-        const x = x0 + ((i % CELLS) + 0.5) * cell, y = y0 + (CELLS - 1 - Math.floor(i / CELLS) + 0.5) * cell;
-        if (Math.hypot(x - uavs.x[u], y - uavs.y[u]) <= run.range) maps[2][i]++;
-      }
-    }
-    const own = place(uavs.x[index], uavs.y[index]);
+    $("member-maps").hidden = !scene.uavs.zone[index];
+    if ($("member-maps").hidden) return;
+    const maps = sixMaps(this.run, scene, index);
+    const own = [maps[0], maps[2]].map((map) => map.indexOf(Math.max(...map)));
     maps.forEach((map, m) => {
-      const canvas = $("member-maps").querySelectorAll("canvas")[m];
-      const size = 8;
-      canvas.width = canvas.height = CELLS * size;
-      const pen = canvas.getContext("2d");
+      const pen = this.pens[m];
       const most = Math.max(1, ...map);
+      const at = (i) => [(i % CELLS) * PIXELS, (CELLS - 1 - Math.floor(i / CELLS)) * PIXELS];
+      pen.clearRect(0, 0, CELLS * PIXELS, CELLS * PIXELS);
       pen.fillStyle = `rgb(${theme.learned.join(" ")})`;
-      map.forEach((value, i) => {
-        pen.globalAlpha = value / most;
-        pen.fillRect((i % CELLS) * size, Math.floor(i / CELLS) * size, size - 1, size - 1);
+      map.forEach((level, i) => {
+        pen.globalAlpha = level / most;
+        pen.fillRect(...at(i), PIXELS - 1, PIXELS - 1);
       });
       pen.globalAlpha = 1;
       pen.strokeStyle = `rgb(${theme.ink.join(" ")})`;
       pen.lineWidth = 2;
-      if (own >= 0) pen.strokeRect((own % CELLS) * size, Math.floor(own / CELLS) * size, size - 1, size - 1);
+      pen.strokeRect(...at(own[m < 2 ? 0 : 1]), PIXELS - 1, PIXELS - 1);
     });
   }
 }

@@ -42,6 +42,8 @@ const grouped = (value, digits) => value.toLocaleString("en", { minimumFractionD
 const UNITS = {
   x: (value) => grouped(value / 10, 1) + " m",
   y: (value) => grouped(value / 10, 1) + " m",
+  uavX: (value) => grouped(value / 10, 1) + " m",
+  uavY: (value) => grouped(value / 10, 1) + " m",
   maxDistance: (value) => grouped(value / 10, 1) + " m",
   altitude: (value) => grouped(value, 0) + " m",
   battery: (value) => grouped(value / 100, 2) + " %",

@@ -71,10 +71,11 @@ class Picture:
         self._held: dict[str, list[str]] = {}
         self._clocks: dict[str, float] = {}
         self._early: deque[Beacon] = deque(maxlen=MOST_WAITING)
-        self._events: deque[tuple[int, feed.Event]] = deque(maxlen=MOST_WAITING)
+        self._events: deque[tuple[int, Event]] = deque(maxlen=MOST_WAITING)
         self._alerts: deque[Alert] = deque(maxlen=feed.MAX_EVENTS)
         self._said = _Said()
         self._latest = 0
+        self._now = -np.inf  # the clock, as long as it is in the step that has begun [s]
         self._mined = -np.inf  # [s], on the members' clock
 
     @property
@@ -105,37 +106,43 @@ class Picture:
 
     def hear(self, event: Event) -> None:
         """An event of the contract: of the step after the newest one that has begun, as in a run's record."""
-        step = self.step + 1
-        args = event.args
-        told = feed.Event(event.block, event.name, feed.arguments_of(args, self._names))
-        self._events.append((step, told))
         match event.name:
-            case "UAVRegistered" | "UAVUpdated":
-                uav = self.uavs.setdefault(args["uav"], _Member())
-                if not (uav.heard and args["uav"] in self._held):
-                    uav.position = (args["x"] / 10, args["y"] / 10)
-                uav.battery = args["battery"] / 100
+            case "UAVRegistered":
+                self.uavs.setdefault(event.args["uav"], _Member())
+            case "VehicleRegistered":
+                self.vehicles.setdefault(event.args["vehicle"], _Member())
+            case "ZoneAllocated" if self.step >= 0:
+                # What a step more or less says is how far apart chain and beacons are heard.
+                late = (self.step + 1) % self._period
+                if late not in (0, 1, self._period - 1):
+                    zone = event.args["zone"]
+                    text = f"zone {zone} was allocated {late} steps after its period began"
+                    self.alert("late-allocation", str(zone), text)
+        self._events.append((self.step + 1, event))
+
+    def _learn(self, step: int, event: Event) -> None:
+        """What an event of a step that is told changes."""
+        args = event.args
+        match event.name:
+            case "UAVRegistered" | "UAVUpdated" if args["uav"] in self.uavs:
+                uav = self.uavs[args["uav"]]
+                if not uav.heard:  # its beacons are newer, and not rounded
+                    uav.position, uav.battery = (args["x"] / 10, args["y"] / 10), args["battery"] / 100
             case "UAVZoneUpdated" if args["uav"] in self.uavs:
                 self._zone(args["uav"], args["to"])
-            case "VehicleRegistered" | "VehicleUpdated":
-                vehicle = self.vehicles.setdefault(args["vehicle"], _Member())
-                vehicle.position, vehicle.told = (args["x"] / 10, args["y"] / 10), step
+            case "VehicleRegistered" | "VehicleUpdated" if args["vehicle"] in self.vehicles:
+                vehicle = self.vehicles[args["vehicle"]]
+                vehicle.told = step
+                if not vehicle.heard or vehicle.time < step * self._law.seconds:
+                    vehicle.position = (args["x"] / 10, args["y"] / 10)
             case "ZoneListsReset":
                 here = [address for address in self._held if self.uavs[address].zone == args["zone"]]
                 for address in here:
                     del self._held[address]
             case "UAVAllocated" if args["uav"] in self.uavs:
                 self._held[args["uav"]] = [vehicle for vehicle in args["selected"] if vehicle in self.vehicles]
-                # Silence counts from here: who was not selected has nothing to tell.
-                self.uavs[args["uav"]].time = max(self.uavs[args["uav"]].time, self.clock)
-            case "ZoneAllocated" if self.step >= 0:
-                # What a step more or less says is how far apart chain and beacons are heard.
-                late = step % self._period
-                if late not in (0, 1, self._period - 1):
-                    zone = str(args["zone"])
-                    self.alert(
-                        "late-allocation", zone, f"zone {zone} was allocated {late} steps after its period began"
-                    )
+                # It was not at work before: its silence counts from here.
+                self.uavs[args["uav"]].time = max(self.uavs[args["uav"]].time, self._now)
 
     def mined(self) -> None:
         """The chain has a new block."""
@@ -155,6 +162,8 @@ class Picture:
         """A beacon that was let in."""
         if beacon.to is None:
             self._clocks[beacon.sender] = max(beacon.time, self._clocks.get(beacon.sender, -np.inf))
+            if not self.behind:
+                self._now = self.clock
         if self._step_of(beacon.time) <= self.step:
             self._apply(beacon)
         else:
@@ -162,7 +171,8 @@ class Picture:
 
     def advance(self) -> None:
         """Begin the step that the UAVs are in by now."""
-        self.step = self._step_of(self.clock)
+        self._now = self.clock
+        self.step = self._step_of(self._now)
         waiting, self._early = self._early, deque(maxlen=MOST_WAITING)
         for beacon in waiting:
             self.take(beacon)
@@ -190,13 +200,13 @@ class Picture:
 
     def _silence(self) -> None:
         """Which of the UAVs at work has not been heard for too long."""
-        if self.clock == -np.inf:
+        if self._now == -np.inf:
             return
         for address in self._held:
             uav, patience = self.uavs[address], self._law.patience
             if uav.time == -np.inf:
-                uav.time = self.clock  # it was selected before anybody was heard
-            if self.clock - uav.time <= patience:
+                uav.time = self._now  # it was selected before anybody was heard
+            if self._now - uav.time <= patience:
                 self._said.silent.discard(address)
             elif address not in self._said.silent:
                 self._said.silent.add(address)
@@ -231,13 +241,14 @@ class Picture:
         Args:
             ahead: also with the events of the step that has not begun, and then as that step's.
         """
-        self._silence()
         until = max(self._latest, self.step + ahead)
         events = []
         while self._events and self._events[0][0] <= until:
             step, event = self._events.popleft()
             self._latest = max(self._latest, step)
-            events.append(event)
+            self._learn(step, event)
+            events.append(feed.Event(event.block, event.name, feed.arguments_of(event.args, self._names)))
+        self._silence()
         alerts = list(self._alerts)
         self._alerts.clear()
         self._latest = max(self._latest, self.step)
@@ -265,7 +276,7 @@ class Picture:
     def _there(self, vehicle: _Member, is_served: bool) -> bool:
         """A served vehicle sends beacons; of any other there is what it told the chain."""
         if is_served and vehicle.heard and vehicle.time > vehicle.told * self._law.seconds:
-            return self.clock - vehicle.time <= self._law.patience
+            return self._now - vehicle.time <= self._law.patience
         return self.step - vehicle.told <= KEPT_PERIODS * self._period
 
     def _covered(self, pairs: list[tuple[tuple[float, float], tuple[float, float] | None]]) -> npt.NDArray[np.bool_]:
@@ -285,6 +296,6 @@ class Picture:
             if uav.position is None:
                 continue
             selected = bool(self._held.get(address)) and uav.zone > 0
-            age = max(0.0, self.clock - uav.time) if selected and uav.heard else None
+            age = max(0.0, self._now - uav.time) if uav.zone and uav.heard else None
             rows.append(feed.Uav(self.name(address), *uav.position, uav.zone, uav.battery, selected, age))
         return rows

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 from typing import Annotated
@@ -12,6 +13,7 @@ from typing import Annotated
 from pydantic import Field
 
 from skyrelay.airspace.law import Law
+from skyrelay.chain.abi import Event
 from skyrelay.chain.accounts import Keyring
 from skyrelay.chain.client import IovClient
 from skyrelay.chain.node.chain import NodeChain
@@ -29,8 +31,8 @@ WAIT = 0.1
 """For news, before the chain is looked at again [s]."""
 SETTLED = 0.3
 """After its last beacon so long ago a step is told, whether or not the next one has begun [s]."""
-AGAIN = 5.0
-"""Between two tries of a chain that did not answer [s]."""
+ANSWER = 5.0
+"""A chain that takes longer does not answer [s]."""
 WAITING = 65_536
 """Beacons that may wait to be looked at."""
 
@@ -91,13 +93,12 @@ class Watch:
         self._law, self._say = Law.of(scenario, grid), say
         self._header = header_of(scenario, grid, scenario.fleet.range, streets)
         access = config.chain
-        # Patience is short: what the bus says is not held up by a chain that is away.
         self._chain = NodeChain(
             access.urls,
             Keyring.ephemeral(),
             chain_id=access.chain_id,
             confirmations=access.confirmations,
-            patience=1.0,
+            patience=ANSWER,
         )
         self._client = IovClient.connect(self._chain, access.contract, access.chain_id)
         self.picture = Picture(self._law, scenario.coordination, config.members)
@@ -107,12 +108,15 @@ class Watch:
         self._bus = Bus("onlooker", config.bus.connect, config.bus.listen, weather=config.bus.weather())
         self._heard = [self._bus.subscribe(key(access.contract), WAITING) for key in (uav_key, vehicle_key)]
         now = time.monotonic()
-        self._next_block, self._mined, self._try, self._answers = 0, now, now, True
+        self._next_block, self._mined, self._answers = 0, now, True
         self._beacon, self._told = now, True
+        self._aside = ThreadPoolExecutor(1, "chain")
+        self._asked: Future[tuple[int, list[Event]]] | None = None
 
     def close(self) -> None:
-        """Leave the bus."""
+        """Leave bus and chain."""
         self._bus.close()
+        self._aside.shutdown(wait=False, cancel_futures=True)
 
     async def follow(self) -> Feed:
         """The header, and every step when it is known; goes on until it is cancelled."""
@@ -156,24 +160,35 @@ class Watch:
         return self.picture.record(ahead=ahead)
 
     def _read(self) -> None:
-        now = time.monotonic()
-        if now < self._try:
-            return
+        """Hear the chain's events; one that does not answer is waited for aside, while the bus is heard."""
+        if self._asked is None:
+            self._asked = self._aside.submit(self._fetch)
         try:
-            last = self._chain.block_number
-            events = self._client.events(self._next_block, last) if last >= self._next_block else []
-        except ChainError as error:
-            self._try = now + AGAIN
-            if self._answers:
-                self._answers = False
-                self._say(f"the chain does not answer: {error}")
-                self.picture.alert("no-quorum", "", f"the chain does not answer: {error}")
+            last, events = self._asked.result(ANSWER if self._answers else 0.0)
+        except TimeoutError:
+            self._away(f"no answer within {ANSWER:g} s")
             return
+        except ChainError as error:
+            self._asked = None
+            self._away(str(error))
+            return
+        self._asked = None
         if not self._answers:
             self._answers = True
             self._say("the chain answers again")
         if last >= self._next_block:
-            self._next_block, self._mined = last + 1, now
+            self._next_block, self._mined = last + 1, time.monotonic()
             self.picture.mined()
         for event in events:
             self.picture.hear(event)
+
+    def _fetch(self) -> tuple[int, list[Event]]:
+        """The newest block, and the events up to it that have not been heard."""
+        last = self._chain.block_number
+        return last, self._client.events(self._next_block, last) if last >= self._next_block else []
+
+    def _away(self, reason: str) -> None:
+        if self._answers:
+            self._answers = False
+            self._say(f"the chain does not answer: {reason}")
+            self.picture.alert("no-quorum", "", f"the chain does not answer: {reason}")
