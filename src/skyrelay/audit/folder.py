@@ -37,7 +37,7 @@ UNCHECKED = (
     "where vehicles and UAVs were between selections, and UAVs' moves and batteries there (no member signs them)",
     "who would have been served had the fleet hovered (the columns and figures called static_*)",
     "demands of vehicles that never proposed",
-    "chain_seconds, wall_seconds, attribution and name in summary.json",
+    "chain_seconds, wall_seconds, attribution, name, selected_by and decided_by (but the CIDs) in summary.json",
     "scenario.toml beyond the rules of selection and what the summary repeats",
     "the charts in figures/, but for their digests in the manifest",
 )
@@ -87,6 +87,11 @@ def audit_folder(folder: Path, progress: Progress = in_silence, *, head: str | N
     _check_store(compared, run, told)
     _check_page(compared, run)
     report.unchecked += UNCHECKED
+    if (method := run.scenario.selection.method) != "two-sided":
+        report.unchecked.append(
+            f"whom each vehicle asks: the method {method} was worked out outside of the contract, which checks "
+            "candidates and bandwidth only"
+        )
     return report
 
 

@@ -18,6 +18,7 @@ from skyrelay.cli import (
     chain_doctor,
     chain_gas,
     chain_serve,
+    compare,
     contract,
     evaluate,
     explain,
@@ -59,6 +60,7 @@ app.command("grant")(contract.grant)
 app.command("revoke")(contract.revoke)
 app.command("status")(contract.status)
 app.command("accounts")(contract.accounts)
+app.command("compare")(compare.command)
 app.command("explain")(explain.command)
 app.command("select")(select.command)
 app.command("record")(record.command)

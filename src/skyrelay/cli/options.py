@@ -34,9 +34,26 @@ Policy = Annotated[
 ]
 
 
-def flown_by(policy: str | None) -> list[str]:
-    """The override that ``--policy`` stands for."""
-    return [] if policy is None else [f"coordination.policy={json.dumps(policy)}"]
+Method = Annotated[
+    str | None,
+    typer.Option(
+        "--method",
+        metavar="NAME",
+        help="Who selects: two-sided (the contract), nnm, optimal, nearest, random, or module:function.",
+        show_default="the scenario's",
+    ),
+]
+
+
+def named_code(policy: str | None, method: str | None = None) -> list[str]:
+    """The overrides that ``--policy`` and ``--method`` stand for; own code that they name may be loaded."""
+    from skyrelay.core import plugins
+
+    keys = {"coordination.policy": policy, "selection.method": method}
+    for name in keys.values():
+        if name is not None:
+            plugins.allow(name)
+    return [f"{key}={json.dumps(name)}" for key, name in keys.items() if name is not None]
 
 
 def help_alone(context: typer.Context) -> None:

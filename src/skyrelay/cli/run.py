@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skyrelay.cli.options import Force, Json, Out, Override, Policy, ScenarioName, Seed, flown_by, print_result
+from skyrelay.cli.options import (
+    Force,
+    Json,
+    Method,
+    Out,
+    Override,
+    Policy,
+    ScenarioName,
+    Seed,
+    named_code,
+    print_result,
+)
+from skyrelay.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from skyrelay.core.scenario import Mobility
+    from skyrelay.core.scenario import Mobility, Scenario
 
 
 def command(
@@ -20,12 +32,17 @@ def command(
     seed: Seed = None,
     override: Override = None,
     policy: Policy = None,
+    method: Method = None,
     chain: Annotated[
         str | None, typer.Option("--chain", metavar="URL", help="Run on a node instead of the embedded chain.")
     ] = None,
     chain_id: Annotated[
         int | None, typer.Option("--chain-id", help="What the node's chain id must be.", show_default=False)
     ] = None,
+    seeds: Annotated[
+        int,
+        typer.Option("--seeds", min=1, max=1000, metavar="N", help="Run so many seeds, paired against hovering."),
+    ] = 1,
     force: Force = False,
     resume: Annotated[
         Path | None,
@@ -41,38 +58,65 @@ def command(
       skyrelay run city.toml --out runs/city --seed 7
       skyrelay run --set mobility.trace=city.parquet --set fleet.uavs=60 --json
       skyrelay run --policy cover --out runs/cover
+      skyrelay run --seeds 10 --out runs/ten
+      skyrelay run --method nnm --out runs/nnm
       skyrelay run --chain http://127.0.0.1:8545
       skyrelay run --resume runs/bologna-1
     """
-    from skyrelay.cli.progress import ShownProgress
     from skyrelay.core.scenario import load_scenario
-    from skyrelay.report import write_figures, write_report
-    from skyrelay.runfolder import new_run_folder
-    from skyrelay.simulation import play
     from skyrelay.simulation.resume import killed_run
 
-    overrides = [*(override or ()), *([f"chain.url={chain}"] if chain else []), *flown_by(policy)]
+    overrides = [*(override or ()), *([f"chain.url={chain}"] if chain else []), *named_code(policy, method)]
     if chain_id is not None:
         overrides.append(f"chain.chain_id={chain_id}")
     killed = None if resume is None else killed_run(resume)
     config = load_scenario(scenario, overrides, seed) if killed is None else killed.scenario
+    if seeds > 1:
+        if resume is not None:
+            raise UsageError("--seeds", seeds, "without --resume, which goes on with one run")
+        _play_seeds(config, out or Path("runs") / config.name, seeds, force, as_json)
+        return
     target = resume or out or Path("runs") / f"{config.name}-{config.seed}"
+    summary = _play(config, target, force, (lambda _: None) if killed is None else killed.check)
+    if as_json:
+        print_result(summary, as_json)
+    else:
+        for name, line in lines(summary, target, config.mobility):
+            typer.echo(f"{name:<13} {line}")
+
+
+def _play(
+    config: Scenario, target: Path, force: bool, check: Callable[[Path], None] = lambda _: None
+) -> dict[str, Any]:
+    """Play a scenario, show how far it is, and leave its folder; ``check`` looks at the record."""
+    from skyrelay.cli.progress import ShownProgress
+    from skyrelay.report import write_figures, write_report
+    from skyrelay.runfolder import new_run_folder
+    from skyrelay.simulation import play
 
     def draw(folder: Path) -> None:
-        if killed is not None:
-            killed.check(folder)
+        check(folder)
         progress.stage("Report", 2)
         write_figures(folder)
         progress.advance()
         write_report(folder)
 
     with ShownProgress() as progress, new_run_folder(target, replace=force) as folder:
-        summary = play(config, folder, progress, draw)
-    if as_json:
-        print_result(summary, as_json)
-    else:
-        for name, line in lines(summary, target, config.mobility):
-            typer.echo(f"{name:<13} {line}")
+        return play(config, folder, progress, draw)
+
+
+def _play_seeds(config: Scenario, beside: Path, seeds: int, force: bool, as_json: bool) -> None:
+    """The same scenario with the seeds from its own on, a folder each, and all of them against hovering."""
+    from skyrelay.cli.compare import print_comparison
+    from skyrelay.report.compare import groups_of, table
+
+    folders = []
+    for number in range(config.seed, config.seed + seeds):
+        target = beside.with_name(f"{beside.name}-{number}")
+        typer.echo(f"seed {number}: {target}", err=True)
+        _play(config.model_copy(update={"seed": number}), target, force)
+        folders.append(target)
+    print_comparison(table(groups_of(folders, hovering=True)), as_json)
 
 
 def lines(s: Mapping[str, Any], folder: Path, mobility: Mobility) -> Iterator[tuple[str, str]]:
@@ -83,6 +127,8 @@ def lines(s: Mapping[str, Any], folder: Path, mobility: Mobility) -> Iterator[tu
     for note in s["trace_notes"]:
         yield "Trace", note
     yield "UAVs", f"{s['uavs']:,} over {s['zones']} zones; {s['uavs_retired']} left with an empty battery"
+    if s["selected_by"] and not s["selected_by"].startswith("two-sided"):
+        yield "Selected by", s["selected_by"]
     qualities = "" if s["mean_qou"] is None else f"; mean QoU {s['mean_qou']:.1f}, mean QoV {s['mean_qov']:.1f}"
     yield "Selection", f"{s['periods']} periods, {s['served_per_period']:,.0f} vehicles served at a time{qualities}"
     yield (

@@ -9,7 +9,7 @@ import typer
 
 from skyrelay.cli.agent import Kind
 from skyrelay.cli.ending import until_terminated
-from skyrelay.cli.options import Force, Json, Out, Override, Policy, ScenarioName, Seed, flown_by, print_result
+from skyrelay.cli.options import Force, Json, Out, Override, Policy, ScenarioName, Seed, named_code, print_result
 from skyrelay.cli.run import lines
 
 
@@ -88,7 +88,7 @@ def command(
     from skyrelay.report import write_figures, write_report
     from skyrelay.runfolder import new_run_folder
 
-    overrides = [*(override or ()), *([f"chain.url={chain}"] if chain else []), *flown_by(policy)]
+    overrides = [*(override or ()), *([f"chain.url={chain}"] if chain else []), *named_code(policy)]
     config = load_scenario(scenario, overrides, seed)
     target = out or Path("runs") / f"{config.name}-{config.seed}"
     beside = hosts or target.with_name(f"{target.name}-hosts")

@@ -40,19 +40,22 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
     Args:
         shape: compiled sizes.
         domain: games to draw from; its team size is fixed.
+        render_mode: ``"rgb_array"``: `render` draws.
     Raises:
         UsageError: the domain's team size varies or is not the shape's.
     """
 
-    metadata: dict[str, Any] = {"name": "skyrelay_coordination_v0", "render_modes": []}  # noqa: RUF012, the API's form
+    metadata: dict[str, Any] = {"name": "skyrelay_coordination_v0", "render_modes": ["rgb_array"]}  # noqa: RUF012, the API's form
 
-    def __init__(self, shape: Shape, domain: Domain) -> None:
+    def __init__(self, shape: Shape, domain: Domain, render_mode: str | None = None) -> None:
+        if render_mode not in {None, "rgb_array"}:
+            raise UsageError("render_mode", render_mode, "None or 'rgb_array'")
         if domain.uavs != (shape.uavs, shape.uavs):
             raise UsageError("domain.uavs", domain.uavs, f"({shape.uavs}, {shape.uavs}), the shape's team size")
         if domain.vehicles[1] > shape.vehicles:
             raise UsageError("domain.vehicles", domain.vehicles, f"at most the shape's {shape.vehicles}")
         self.shape, self.domain = shape, domain
-        self.render_mode = None
+        self.render_mode = render_mode
         self.possible_agents = [f"uav_{number}" for number in range(shape.uavs)]
         self.agents: list[str] = []
         high = Observer(shape.maps, shape.n, shape.zoom).greatest(shape.uavs)
@@ -138,8 +141,15 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
         vehicles = np.column_stack([np.asarray(x) for x in (now.traffic.position, now.owner, now.present)])
         return np.concatenate([uavs.reshape(-1), vehicles.reshape(-1)]).astype(np.float32)
 
-    def render(self) -> None:
-        """There is no rendering: `skyrelay run` writes a page that replays a run."""
+    def render(self) -> npt.NDArray[np.uint8] | None:
+        """The present state as a picture [480, 480, 3], where `render_mode` is ``"rgb_array"``."""
+        if self.render_mode is None:
+            return None
+        if self._state is None:
+            raise RuntimeError("call reset() before render(): there is no episode in play")
+        from skyrelay.coordination.picture import picture
+
+        return picture(self._state)
 
     def close(self) -> None:
         """Nothing is held open."""

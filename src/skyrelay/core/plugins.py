@@ -24,6 +24,7 @@ CODE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*(\.[A-Za-z_]\w*)*"
 """``module:attribute``."""
 
 _named: set[str] = set()
+_given: dict[str, Any] = {}
 
 
 def is_code(name: str) -> bool:
@@ -35,6 +36,16 @@ def allow(name: str) -> None:
     """The user has named this code."""
     if is_code(name):
         _named.add(name)
+
+
+def given(value: Any) -> str:
+    """A name for code that a call hands over, by which `load` finds it in this process."""
+    kind = value if hasattr(value, "__qualname__") else type(value)
+    path = re.sub(r"\W+", "_", kind.__qualname__).strip("_")
+    name = f"{re.sub(r'[^A-Za-z0-9_.]+', '_', kind.__module__)}:{path}"
+    _given[name] = value
+    _named.add(name)
+    return name
 
 
 def installed(group: str) -> list[str]:
@@ -53,6 +64,8 @@ def load(group: str, name: str, shipped: Mapping[str, str], place: str, others: 
     Raises:
         UsageError: there is none of that name, it cannot be loaded, or the user has not named it.
     """
+    if name in _given:
+        return _given[name]
     if name in shipped:
         return _attribute(shipped[name], place)
     found = [entry for entry in entry_points(group=group) if entry.name == name]
@@ -63,7 +76,7 @@ def load(group: str, name: str, shipped: Mapping[str, str], place: str, others: 
             raise UsageError(place, name, "code that you name yourself, on the command line: a file's is not loaded")
         return _attribute(name, place)
     known = [*others, *shipped, *installed(group)]
-    close = difflib.get_close_matches(name, known, n=1)
+    close = difflib.get_close_matches(name.lower(), known, n=1)
     hint = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(known)}, or module:attribute"
     raise UsageError(place, name, hint)
 
@@ -74,7 +87,9 @@ def fingerprint(loaded: Any) -> str | None:
         file = inspect.getsourcefile(loaded if not hasattr(loaded, "__dict__") else inspect.unwrap(loaded))
     except TypeError:
         file = inspect.getsourcefile(type(loaded))
-    return None if file is None else hashlib.sha256(Path(file).read_bytes()).hexdigest()
+    if file is None or not Path(file).is_file():  # typed into a notebook or a shell
+        return None
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
 def fault(error: BaseException) -> str:

@@ -181,6 +181,11 @@ class Demand(_Section):
 class Selection(_Section):
     """QoU, QoV (Eq. 1, 2) and the two algorithms."""
 
+    method: Text = Field(
+        "two-sided",
+        description="two-sided: by the contract; nnm, optimal, nearest, random, or on the command line "
+        "module:function: worked out outside, checked by the contract",
+    )
     qou_weights: Weights = Field((0.25, 0.25, 0.25, 0.25), description="bandwidth, battery, reputation, closeness")
     qov_weights: Weights = Field((0.25, 0.25, 0.25, 0.25), description="demand, payment, reputation, closeness")
     max_distance: Length = Field(

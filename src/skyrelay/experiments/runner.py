@@ -21,6 +21,7 @@ import platform
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.metadata import version
 from io import BufferedRandom
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,6 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-import skyrelay
 from skyrelay.core.errors import RunFolderError, UsageError
 from skyrelay.core.files import atomic_path, write_text
 from skyrelay.core.folders import LOCK, sole_writer
@@ -78,7 +78,7 @@ class Experiment:
             "experiment": self.name,
             "function": self.function,
             "versions": {
-                "skyrelay": skyrelay.__version__,
+                "skyrelay": version("skyrelay"),
                 "python": platform.python_version(),
                 **{package: importlib.metadata.version(package) for package in self.packages},
             },

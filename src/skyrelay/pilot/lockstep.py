@@ -14,7 +14,7 @@ from skyrelay.chain.abi import Event
 from skyrelay.chain.accounts import Keyring
 from skyrelay.chain.client import IovClient
 from skyrelay.chain.node.chain import NodeChain
-from skyrelay.core.errors import BusError
+from skyrelay.core.errors import BusError, UsageError
 from skyrelay.pilot.bus import Asked, Bus, uav_key, vehicle_key
 from skyrelay.pilot.flown import FlownUav
 from skyrelay.pilot.position import PositionSource
@@ -37,6 +37,11 @@ SESSION = 86400.0
 """How long a member vouches for a key that signs its beacons [s]."""
 TOGETHER = frozenset({Phase.BEACON, Phase.DECIDE})
 """Phases in which hosts are asked at once; in the others one after the other, as what they write has an order."""
+
+
+def by_the_contract_only() -> UsageError:
+    """What to tell whoever wants another method than the contract's from hosts of their own."""
+    return UsageError("selection.method", None, "two-sided: vehicles on hosts of their own select by the contract")
 
 
 class RemoteHosts:
@@ -124,6 +129,14 @@ class RemoteHosts:
             for name in self._members:
                 self._take(name, tick, self._ask(name, tick))
         self._read()
+
+    def advise(self, advice: Mapping[str, str]) -> None:  # noqa: ARG002 (there is nobody to tell)
+        """Refuse: vehicles on hosts of their own select by the contract.
+
+        Raises:
+            UsageError: always.
+        """
+        raise by_the_contract_only()
 
     def spread(self) -> None:
         """Nothing: beacons go from host to host over the bus."""

@@ -11,12 +11,12 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from eth_hash.auto import keccak
 
-import skyrelay
 from skyrelay.chain.chain import Call, LogEntry, Receipt
 from skyrelay.chain.embedded.chain import EmbeddedChain
 from skyrelay.chain.embedded.ledger import Block
@@ -122,7 +122,7 @@ class SignedChain:
         return str(self.chain.chain_id)
 
     def _version(self) -> str:
-        return f"SkyRelay/{skyrelay.__version__}"
+        return f"SkyRelay/{version('skyrelay')}"
 
     def _head(self) -> str:
         return hex(self.chain.block_number)

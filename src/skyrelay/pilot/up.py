@@ -25,7 +25,7 @@ from skyrelay.core.resolved import ResolvedScenario
 from skyrelay.core.scenario import Scenario, to_toml
 from skyrelay.net.http import public_address
 from skyrelay.pilot.bus import Bus
-from skyrelay.pilot.lockstep import RemoteHosts
+from skyrelay.pilot.lockstep import RemoteHosts, by_the_contract_only
 from skyrelay.pilot.nodes import kubo, kubo_program, validators
 from skyrelay.pilot.processes import Children
 from skyrelay.runfolder.folder import CHAIN, SCENARIO
@@ -151,6 +151,8 @@ def up(
     Raises:
         UsageError, TraceError, ModelError, StoreError, ChainError, BusError: naming what was wrong with what.
     """
+    if scenario.selection.method != "two-sided":
+        raise by_the_contract_only()
     begin = time.monotonic()
     with ExitStack() as stack:
         if nodes:

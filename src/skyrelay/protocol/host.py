@@ -16,6 +16,7 @@ from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.calls import to_call
 from skyrelay.protocol.dispatch import Books
 from skyrelay.protocol.messages import (
+    Advised,
     Beacon,
     ChainCall,
     Command,
@@ -119,6 +120,12 @@ class Host:
         for agent in self.agents:
             if agent.address in fixes:
                 agent.receive(fixes[agent.address])
+
+    def advise(self, advice: Mapping[str, str]) -> None:
+        """Tell every vehicle here the UAV that a method outside of the contract gives it; both by address."""
+        for agent in self.agents:
+            if isinstance(agent, VehicleAgent):
+                agent.receive(Advised(advice.get(agent.address)))
 
     def spread(self) -> None:
         """Every beacon sent here reaches everyone here whom it is for."""

@@ -94,6 +94,16 @@ class Beacon:
 
 
 @dataclass(frozen=True, slots=True)
+class Advised:
+    """The UAV that a method outside of the contract gives a vehicle in this period; None for none.
+
+    Only who selects by such a method (`selection.method`) hears it: Algorithm 1 asks nobody.
+    """
+
+    uav: str | None
+
+
+@dataclass(frozen=True, slots=True)
 class ZoneRead:
     """Answers `ReadZone`; None of a zone that no UAV ever entered."""
 
@@ -145,7 +155,18 @@ class Refused:
 
 
 Message: TypeAlias = (
-    Tick | Fix | Event | Beacon | ZoneRead | StationRead | ModelRead | ModelFetched | Decided | Mined | Refused
+    Tick
+    | Fix
+    | Advised
+    | Event
+    | Beacon
+    | ZoneRead
+    | StationRead
+    | ModelRead
+    | ModelFetched
+    | Decided
+    | Mined
+    | Refused
 )
 
 

@@ -15,6 +15,7 @@ from skyrelay.core.scenario import Selection as Settings
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.messages import (
+    Advised,
     Beacon,
     Command,
     Fix,
@@ -41,7 +42,7 @@ _BOUND = frozenset({VehicleState.PROPOSED, VehicleState.SERVED})
 
 @dataclass(frozen=True)
 class Choice:
-    """What Algorithm 1 gave.
+    """What Algorithm 1, or the method in its place, gave.
 
     Attributes:
         uav: address of the chosen UAV; None where there is no candidate left.
@@ -80,6 +81,7 @@ class VehicleAgent(Agent):
         self._fix = Fix(None)
         self._refused_by: set[str] = set()
         self._served_by: str | None = None
+        self._advised: str | None = None
         self._table: VehicleTable | None = None
         self._zone = 0
         self._closed = False  # the period before is over, and none has begun
@@ -96,6 +98,8 @@ class VehicleAgent(Agent):
                 self._fix = message
             case Tick():
                 return self._at(message)
+            case Advised(uav):
+                self._advised = uav
             case Event():
                 self._hear(message)
             case ZoneRead(view):
@@ -190,7 +194,7 @@ class VehicleAgent(Agent):
         self._served_by = self.uav if self.state is VehicleState.SERVED else None
         if self.machine.allows(VehicleMessage.RESET):
             self.machine.advance(VehicleMessage.RESET)
-        self.uav = self.choice = None
+        self.uav = self.choice = self._advised = None
         self._refused_by.clear()
 
     # Algorithm 1
@@ -209,7 +213,7 @@ class VehicleAgent(Agent):
         columns = np.arange(len(view.uavs.ids))
         pairs = (self._table, view.uavs, np.zeros_like(columns), columns, self._settings)
         qou = np.where(are_candidates(*pairs), pair_qou(*pairs), -np.inf)
-        column = self._or_stay(column, qou, view)
+        column = self._or_stay(column, qou, view) if self._settings.method == "two-sided" else self._as_advised(view)
         weighed = {
             address: float(score) for address, score in zip(view.uavs.ids, qou, strict=True) if np.isfinite(score)
         }
@@ -219,6 +223,12 @@ class VehicleAgent(Agent):
             return ()
         self.choice = Choice(view.uavs.ids[column], float(qou[column]), weighed)
         return self._call(Propose(view.uavs.ids[column], self._demand, view.round))
+
+    def _as_advised(self, view: ZoneView) -> int:
+        """The column of the UAV that another method than Algorithm 1 gave; -1 where there is none, or no more."""
+        if self._advised is None or self._advised in self._refused_by:
+            return -1
+        return view.uavs.ids.index(self._advised) if self._advised in view.uavs.ids else -1
 
     def _or_stay(self, column: int, qou: FloatArray, view: ZoneView) -> int:
         """The best UAV's column, or that of the one before."""

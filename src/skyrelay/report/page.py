@@ -71,7 +71,7 @@ def sentence(run: Run) -> str:
     seconds = summary.period_steps * summary.step_seconds
     start = (
         f"Of {_count(summary.vehicles_per_period)} connected vehicles at a time, {_count(summary.served_per_period)} "
-        f"get a UAV, chosen on chain every {seconds:g} s from a fleet of {summary.uavs:,}."
+        f"get a UAV, {_chosen(run)} every {seconds:g} s from a fleet of {summary.uavs:,}."
     )
     if summary.in_range is None or summary.static_in_range is None:
         return start
@@ -82,6 +82,11 @@ def sentence(run: Run) -> str:
     if summary.connectivity is None:
         return f"{start}{middle}."
     return f"{start}{middle} and their teams linked {_percent(summary.connectivity)} of the time."
+
+
+def _chosen(run: Run) -> str:
+    method = run.scenario.selection.method
+    return "chosen on chain" if method == "two-sided" else f"chosen by {method} outside of the chain,"
 
 
 def _flown(summary: Summary) -> str:
@@ -136,6 +141,7 @@ def _about(run: Run) -> str:
                 f"computed in {summary.wall_seconds:.1f} s, {summary.chain_seconds:.1f} s of it on the chain"
             ],
         ),
+        ("Selected by", [summary.selected_by] if summary.selected_by else []),
         ("Decided by", summary.decided_by),
         ("Policies (CID)", summary.model_cids),
         ("Contract", [summary.contract]),

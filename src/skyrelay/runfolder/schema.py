@@ -222,6 +222,7 @@ class Summary(BaseModel):
     chain_id: Annotated[int, Field(ge=1, le=2**63 - 37)] | None = Field(None, description="of a node's chain")
     model_cids: Annotated[list[Text], Field(max_length=10_000)]
     decided_by: list[Text] = Field([], max_length=10_000, description="policy or rule that each CID names")
+    selected_by: str = Field("", max_length=1000, description="method, and what of it the contract has checked")
     range_m: Positive
     step_seconds: Positive
     period_steps: Annotated[int, Field(ge=1)]

@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
+from skyrelay.core import plugins
 from skyrelay.core.entities import FloatArray, IntArray, UavTable, VehicleTable
-from skyrelay.core.errors import SelectionError, UsageError
+from skyrelay.core.errors import SelectionError, SkyRelayError, UsageError
 from skyrelay.core.scenario import Selection as Settings
 from skyrelay.selection.deferred_acceptance import Round, deferred_acceptance
 from skyrelay.selection.nearest_neighbor import nearest_neighbor
 from skyrelay.selection.optimal import Objective, optimal
 from skyrelay.selection.quality import pair_qou, pair_qov
 from skyrelay.selection.sequential import nearest, random
-from skyrelay.selection.stability import count_blocking_pairs
+from skyrelay.selection.stability import count_blocking_pairs, is_valid
 
 METHODS = ("two-sided", "nnm", "optimal", "nearest", "random")
 OBJECTIVES = ("qou", "qov", "served")
+GROUP = "skyrelay.methods"
+"""Of entry points."""
+
+Method = Callable[[VehicleTable, UavTable, Settings], IntArray]
+"""An own method: [V] index of each vehicle's UAV, or -1."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +34,7 @@ class Selection:
     """Which UAV serves which vehicle.
 
     Attributes:
-        method: one of `METHODS`.
+        method: one of `METHODS`, or an own one's name.
         assignment: [V] index of the UAV, or -1.
         qou, qov: [V] of the vehicle with its UAV, NaN where it has none.
         rounds: of proposals, as played; empty for the methods that have none.
@@ -79,7 +86,7 @@ class Metrics:
 def select(
     vehicles: VehicleTable,
     uavs: UavTable,
-    method: str = "two-sided",
+    method: str | None = None,
     *,
     settings: Settings | None = None,
     rounds: int | Literal["full"] | None = None,
@@ -93,7 +100,9 @@ def select(
     """Select a UAV for each vehicle.
 
     Args:
-        method: ``two-sided`` (the paper's), ``nnm`` (its benchmark), ``optimal`` (MILP), ``nearest`` or ``random``.
+        method: ``two-sided`` (the paper's), ``nnm`` (its benchmark), ``optimal`` (MILP), ``nearest`` or ``random``; an
+            entry point of the group `GROUP`, or ``module:function`` that the user has named: `Method`; left out: as
+            ``settings`` say.
         settings: weights, maxima, candidate rule; left out: the defaults of a scenario's ``[selection]``.
         rounds: of ``two-sided``: 1 is the paper; more: a refused or displaced vehicle proposes again; ``"full"``: until
             nobody has anyone left to ask (deferred acceptance); left out: as ``settings`` say.
@@ -106,10 +115,12 @@ def select(
         seed: of ``random``.
     Raises:
         UsageError: a method, an objective or a number of rounds that there is not.
-        SelectionError: an incumbent that is no UAV of the table.
+        SelectionError: an incumbent that is no UAV of the table; an own method that raises, or breaks the rules.
     """
     rule = settings or Settings()
-    _check(method, METHODS, "method")
+    method = rule.method if method is None else method
+    if method not in METHODS:
+        return _result(vehicles, uavs, _by_own(named(method), method, vehicles, uavs, rule), rule, method)
     if method == "two-sided":
         assignment, played = deferred_acceptance(
             vehicles,
@@ -150,6 +161,57 @@ def evaluate(vehicles: VehicleTable, uavs: UavTable, selection: Selection, setti
         used_bandwidth_percent=100.0 * used / available if available else None,
         blocking_pairs=count_blocking_pairs(vehicles, uavs, selection.assignment, settings or Settings()),
     )
+
+
+def named(method: str) -> Method:
+    """An own method.
+
+    Raises:
+        UsageError: there is none of that name, or it cannot be loaded.
+    """
+    found = plugins.load(GROUP, method, {}, "method", METHODS)
+    if not callable(found):
+        raise UsageError("method", method, "a function of vehicles, UAVs and settings")
+    own: Method = found
+    return own
+
+
+def require_method(method: str) -> None:
+    """Check that there is such a method.
+
+    Raises:
+        UsageError: there is none; the closest name is suggested.
+    """
+    if method not in METHODS:
+        named(method)
+
+
+def _by_own(own: Method, name: str, vehicles: VehicleTable, uavs: UavTable, settings: Settings) -> IntArray:
+    """What an own method answers, if it is a selection.
+
+    Raises:
+        SelectionError: it raises, or answers with something else.
+    """
+    place = f"method {name}"
+    try:
+        answer = np.asarray(own(vehicles, uavs, settings))
+    except SkyRelayError:
+        raise
+    except Exception as error:  # own code may raise anything
+        raise SelectionError(place, None, f"a method that selects ({plugins.fault(error)})") from error
+    if answer.shape != (len(vehicles),) or (len(answer) and not np.issubdtype(answer.dtype, np.integer)):
+        shown = f"{answer.dtype} of shape {answer.shape}"
+        raise SelectionError(f"{place}: answer", shown, f"one whole number for each of {len(vehicles)} vehicles")
+    assignment = answer.astype(np.int64)
+    wrong = (assignment < -1) | (assignment >= len(uavs))
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise SelectionError(f"{place}: answer[{row}]", int(assignment[row]), f"-1 or one of {len(uavs)} UAVs")
+    if not is_valid(vehicles, uavs, assignment, settings):
+        raise SelectionError(
+            f"{place}: answer", None, "candidates of QoU above 0, and no UAV that serves more than its bandwidth"
+        )
+    return assignment
 
 
 def _result(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -13,9 +13,10 @@ import numpy as np
 
 from skyrelay.chain.abi import Event
 from skyrelay.chain.client import QOV_UNIT
+from skyrelay.core.entities import UavTable, VehicleTable
 from skyrelay.core.files import write_text
 from skyrelay.core.progress import Progress
-from skyrelay.core.scenario import Scenario, to_toml
+from skyrelay.core.scenario import Scenario, Selection, to_toml
 from skyrelay.net.http import public_address
 from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.authority import ReputationAuthority
@@ -29,12 +30,16 @@ from skyrelay.protocol.zone_view import ZoneView
 from skyrelay.runfolder.folder import SCENARIO
 from skyrelay.runfolder.manifest import write_manifest
 from skyrelay.runfolder.writer import write_summary
+from skyrelay.selection import select
+from skyrelay.selection.methods import require_method
 from skyrelay.simulation.consortium import Consortium
 from skyrelay.simulation.ledger import Ledger
 from skyrelay.simulation.record import Record
-from skyrelay.simulation.team import Team
+from skyrelay.simulation.team import METHOD_SECONDS, Team
 from skyrelay.simulation.world import World
 from skyrelay.store.cid import Cid
+
+UAV_COLUMNS = ("x", "y", "zone", "bandwidth", "battery", "reputation")
 
 AnyScenario = TypeVar("AnyScenario", bound=Scenario)
 
@@ -56,6 +61,9 @@ class Hosts(Protocol):
 
     def tell(self, fixes: Mapping[str, Fix]) -> None:
         """New positions, by address."""
+
+    def advise(self, advice: Mapping[str, str]) -> None:
+        """The UAV that a method outside of the contract gives each vehicle; both by address."""
 
     def tick(self, tick: Tick, timestamp: int) -> None:
         """The clock, to all agents; returns when nothing is left to do about it."""
@@ -151,6 +159,7 @@ class Run:
     hosts: Hosts
 
     def __init__(self, world: World, account: Callable[[str], str]) -> None:
+        require_method(world.scenario.selection.method)
         self.world, self.scenario, self.tracks = world, world.scenario, world.tracks
         demand, selection = world.members.demand, world.scenario.selection
         self.flying = Team(world.law, selection, world.fleet, demand)
@@ -196,6 +205,8 @@ class Run:
         views = [view for zone in self.world.law.grid.ids if (view := self.hosts.view(zone)) is not None]
         self.written.period(period, step, views, self._name_of)
         addresses = list(self.vehicles.values())
+        if self.scenario.selection.method != "two-sided":
+            self.hosts.advise(self._advice(views, period, step))
         for round_ in range(1, self.scenario.selection.rounds + 1):
             before = len(self.ledger.proposals)
             self._tick(Phase.PROPOSE, period, round_)
@@ -212,7 +223,9 @@ class Run:
         self._note_proposals()
         self._tick(Phase.DETERMINE, period)
         self.flying.assign(self.ledger.owner())
-        self.hovering.assign(self.hovering.selection(self.tracks, self.world.members, step))
+        self.hovering.assign(
+            self.hovering.selection(self.tracks, self.world.members, step, self.scenario.seed + period)
+        )
         if step == 0:
             self.written.step(0)
 
@@ -253,6 +266,36 @@ class Run:
         for address, row in self.uav_row.items():
             fixes[address] = Fix((x[row], y[row]), battery[row])
         self.hosts.tell(fixes)
+
+    # A method outside of the contract
+
+    def _advice(self, views: Sequence[ZoneView], period: int, step: int) -> dict[str, str]:
+        """The UAV that the method gives each vehicle, from the records that the contract has and the demands."""
+        rows = np.flatnonzero(np.isfinite(self.tracks.x[step]))
+        addresses, members = list(self.vehicles.values()), self.world.members
+        x, y = self.tracks.x[step, rows], self.tracks.y[step, rows]
+        vehicles = VehicleTable(
+            ids=tuple(addresses[row] for row in rows),
+            x=np.round(x, 1),
+            y=np.round(y, 1),
+            zone=self.world.law.grid.zone_of(x, y),
+            demand=members.demand[rows].astype(np.float64),
+            payment=members.payment[rows].astype(np.float64),
+            reputation=members.reputation[rows],
+        )
+        there = [view.uavs for view in views if len(view.uavs)]
+        if not there:
+            return {}
+        columns = {name: np.concatenate([getattr(uavs, name) for uavs in there]) for name in UAV_COLUMNS}
+        uavs = UavTable(ids=tuple(address for table in there for address in table.ids), **columns)
+        chosen = select(
+            vehicles,
+            uavs,
+            settings=self.scenario.selection,
+            seed=self.scenario.seed + period,
+            time_limit=METHOD_SECONDS,
+        ).assignment
+        return {vehicle: uavs.ids[uav] for vehicle, uav in zip(vehicles.ids, chosen.tolist(), strict=True) if uav >= 0}
 
     # The record
 
@@ -324,6 +367,7 @@ class Run:
             "transactions": self.hosts.transactions,
             "gas_used": self.hosts.gas_used,
             "chain_url": without_credentials(self.scenario).chain.url,
+            "selected_by": _selected_by(self.scenario.selection),
             "model_cids": sorted({str(self.hosts.cid_of(model)) for model in self.ledger.models}),
             "range_m": self.scenario.fleet.range,
             "step_seconds": config.step_seconds,
@@ -333,6 +377,13 @@ class Run:
             "trace_notes": list(self.tracks.notes),
             "chain_seconds": round(self.hosts.chain_seconds, 3),
         }
+
+
+def _selected_by(selection: Selection) -> str:
+    """Which method selected, and what of it the contract has checked."""
+    if selection.method == "two-sided":
+        return f"two-sided, {selection.rounds} rounds, by the contract"
+    return f"{selection.method}, worked out outside the contract, which checked candidates and bandwidth only"
 
 
 def _mean(values: list[float]) -> float | None:

@@ -7,10 +7,43 @@ import numpy as np
 from skyrelay.airspace.law import Law
 from skyrelay.core.entities import FloatArray, IntArray, UavTable, VehicleTable
 from skyrelay.core.scenario import Selection
+from skyrelay.core.zones import ZoneGrid
 from skyrelay.mobility import Tracks
 from skyrelay.selection import select
 from skyrelay.simulation.flight import NOBODY, Flight, Measure, Service
 from skyrelay.simulation.world import Fleet, Members
+
+METHOD_SECONDS = 60.0
+"""After which the method `optimal` takes the best that it has found in a period [s]."""
+
+
+def vehicles_at(tracks: Tracks, members: Members, grid: ZoneGrid, step: int) -> tuple[IntArray, VehicleTable]:
+    """The vehicles that are there at a step: their rows in the tracks, and their table."""
+    rows = np.flatnonzero(np.isfinite(tracks.x[step]))
+    x, y = tracks.x[step, rows], tracks.y[step, rows]
+    return rows, VehicleTable(
+        ids=tuple(tracks.ids[row] for row in rows),
+        x=x,
+        y=y,
+        zone=grid.zone_of(x, y),
+        demand=members.demand[rows].astype(np.float64),
+        payment=members.payment[rows].astype(np.float64),
+        reputation=members.reputation[rows],
+    )
+
+
+def uavs_of(fleet: Fleet) -> tuple[IntArray, UavTable]:
+    """The UAVs in the air: their rows in the fleet, and their table."""
+    airborne = np.flatnonzero(fleet.zone > 0)
+    return airborne, UavTable(
+        ids=tuple(fleet.ids[row] for row in airborne),
+        x=fleet.x[airborne],
+        y=fleet.y[airborne],
+        zone=fleet.zone[airborne],
+        bandwidth=fleet.bandwidth[airborne].astype(np.float64),
+        battery=fleet.battery[airborne],
+        reputation=fleet.reputation[airborne],
+    )
 
 
 class Team:
@@ -31,34 +64,17 @@ class Team:
         self.served.append(int((owner != NOBODY).sum()))
         self.ever_served |= set(np.flatnonzero(owner != NOBODY).tolist())
 
-    def selection(self, tracks: Tracks, members: Members, step: int) -> IntArray:
-        """[V] the row of each vehicle's UAV by the contract's rules, at this fleet's own positions, without a chain."""
-        rows = np.flatnonzero(np.isfinite(tracks.x[step]))
-        x, y = tracks.x[step, rows], tracks.y[step, rows]
+    def selection(self, tracks: Tracks, members: Members, step: int, seed: int) -> IntArray:
+        """[V] the row of each vehicle's UAV by the run's method, at this fleet's own positions, without a chain."""
         fleet = self.fleet
-        airborne = np.flatnonzero(fleet.zone > 0)
-        vehicles = VehicleTable(
-            ids=tuple(tracks.ids[row] for row in rows),
-            x=x,
-            y=y,
-            zone=self._grid.zone_of(x, y),
-            demand=members.demand[rows].astype(np.float64),
-            payment=members.payment[rows].astype(np.float64),
-            reputation=members.reputation[rows],
-        )
-        uavs = UavTable(
-            ids=tuple(fleet.ids[row] for row in airborne),
-            x=fleet.x[airborne],
-            y=fleet.y[airborne],
-            zone=fleet.zone[airborne],
-            bandwidth=fleet.bandwidth[airborne].astype(np.float64),
-            battery=fleet.battery[airborne],
-            reputation=fleet.reputation[airborne],
-        )
+        rows, vehicles = vehicles_at(tracks, members, self._grid, step)
+        airborne, uavs = uavs_of(fleet)
         index = np.full(len(fleet.ids) + 1, NOBODY)  # the last one stands for nobody
         index[airborne] = np.arange(len(airborne))
         incumbent = index[self.flight.owner[rows]]
-        chosen = select(vehicles, uavs, settings=self._settings, incumbent=incumbent).assignment
+        chosen = select(
+            vehicles, uavs, settings=self._settings, incumbent=incumbent, seed=seed, time_limit=METHOD_SECONDS
+        ).assignment
         owner = np.full(len(tracks.ids), NOBODY)
         owner[rows[chosen >= 0]] = airborne[chosen[chosen >= 0]]
         return owner
