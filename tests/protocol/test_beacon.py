@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from skyrelay.chain.accounts import Keyring, SigningKey, signer
 from skyrelay.core.errors import ChainError
-from skyrelay.protocol.beacon import FARTHEST, FASTEST, LONGEST, BeaconGate, Dropped, Session, parse
+from skyrelay.protocol.beacon import FARTHEST, FASTEST, LONGEST, MOST, BeaconGate, Dropped, Session, parse
 from skyrelay.protocol.messages import Beacon
 
 CONTRACT = ("0x" + "c0" * 20, 31337)
@@ -45,6 +45,7 @@ beacons = st.builds(
     time=st.floats(allow_nan=False, allow_infinity=False),
     speed=st.floats(0, FASTEST, width=32),
     battery=st.floats(0, 100, width=32),
+    asks=st.floats(0, MOST, width=32),
 )
 
 
@@ -192,3 +193,11 @@ def test_signatures_are_those_of_ethereum_wallets():
 def test_a_ring_vouches_for_its_own_members_only():
     with pytest.raises(ChainError, match="an account of this host's keyring"):
         RING.vouch("0x" + "00" * 20, b"x")
+
+
+@pytest.mark.parametrize(("sender", "reason"), [(VEHICLE, None), (UAV, Dropped.UNKNOWN)])
+def test_a_vehicle_without_a_uav_asks_its_zone_and_no_uav_does(sender, reason):
+    door = gate()
+    asking = Beacon(sender, 2, None, (1.0, 2.0), 100.0, 13.5, asks=2500.0)
+    assert door.admit(session(sender).seal(asking), 100.0) == (None if reason else asking)
+    assert door.dropped == ({reason: 1} if reason else {})

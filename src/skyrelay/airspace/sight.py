@@ -23,6 +23,10 @@ class Sight:
         battery: its own [0-100].
         uav: its name.
         decisions: that it has made since it was last selected.
+        selected: whether it has been selected by a vehicle; one that has not need not stay linked.
+        demands: of each of its vehicles [kbit/s].
+        seekers: where vehicles of the zone that have no UAV were last [m].
+        sought: what each of these asks for [kbit/s].
     """
 
     law: Law
@@ -34,3 +38,7 @@ class Sight:
     battery: float
     uav: str = ""
     decisions: int = 0
+    selected: bool = True
+    demands: tuple[float, ...] = ()
+    seekers: tuple[Position, ...] = ()
+    sought: tuple[float, ...] = ()

@@ -4,8 +4,9 @@ A member's own key signs a certificate once: "until then, this session key speak
 session key signs the beacons, so that the process with the radio need not hold the key that moves the member on the
 chain. The certificate travels with every beacon: who starts late or has lost messages needs nothing else to check one.
 
-Layout, big-endian: version, flags, sender, zone, sequence number, time, speed, battery, [position], [to], then the
-certificate (session address, issued, expires, signature) and the session key's signature of all that stands before it.
+Layout, big-endian: version, flags, sender, zone, sequence number, time, speed, battery, what it asks for, [position],
+[to], then the certificate (session address, issued, expires, signature) and the session key's signature of all that
+stands before it.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from enum import Enum
 from skyrelay.chain.accounts import SigningKey, signer
 from skyrelay.protocol.messages import Beacon
 
-VERSION = 1
+VERSION = 2
 _HAS_POSITION, _HAS_TO = 1, 2
-_HEAD = struct.Struct(">BB20sHIdff")
+_HEAD = struct.Struct(">BB20sHIdfff")
 _POSITION = struct.Struct(">dd")
 _ADDRESS = 20
 _CERTIFICATE = struct.Struct(">20sdd")
@@ -35,6 +36,8 @@ FARTHEST = 1e7
 """Largest coordinate [m]: no area is a quarter of the Earth's circumference away from its origin."""
 FASTEST = 1e3
 """Largest speed [m/s]."""
+MOST = 2.0**31
+"""Asked for [kbit/s]: more than a scenario takes."""
 
 
 class Dropped(Enum):
@@ -127,6 +130,7 @@ class Session:
                 beacon.time,
                 beacon.speed,
                 beacon.battery,
+                beacon.asks,
             ),
             _POSITION.pack(*beacon.position) if beacon.position else b"",
             _bytes(beacon.to) if beacon.to else b"",
@@ -195,7 +199,7 @@ class BeaconGate:
 
     def _fault(self, sealed: SealedBeacon, now: float) -> Dropped | None:
         beacon, certificate = sealed.beacon, sealed.certificate
-        if beacon.sender not in (self._uavs if beacon.to is None else self._vehicles):
+        if beacon.sender not in (self._uavs if beacon.to is None and not beacon.asks else self._vehicles):
             return Dropped.UNKNOWN
         if beacon.zone not in self._zones:
             return Dropped.FOREIGN
@@ -222,7 +226,7 @@ def parse(raw: bytes) -> SealedBeacon | None:
     """Take bytes apart; None where they are no beacon."""
     if not _HEAD.size + _TAIL <= len(raw) <= LONGEST:
         return None
-    version, flags, sender, zone, sequence, time, speed, battery = _HEAD.unpack_from(raw)
+    version, flags, sender, zone, sequence, time, speed, battery, asks = _HEAD.unpack_from(raw)
     if version != VERSION or flags & ~(_HAS_POSITION | _HAS_TO):
         return None
     place = _HEAD.size
@@ -240,7 +244,7 @@ def parse(raw: bytes) -> SealedBeacon | None:
         place += _ADDRESS
     key, issued, expires = _CERTIFICATE.unpack_from(raw, place)
     place += _CERTIFICATE.size
-    beacon = Beacon(_text(sender), zone, to, position, time, speed, battery)
+    beacon = Beacon(_text(sender), zone, to, position, time, speed, battery, asks)
     if not (_plausible(beacon) and math.isfinite(issued) and math.isfinite(expires)):
         return None
     certificate = Certificate(_text(key), issued, expires, raw[place : place + _SIGNATURE])
@@ -257,6 +261,7 @@ def _plausible(beacon: Beacon) -> bool:
         and 0 <= beacon.zone < 1 << 16
         and 0.0 <= beacon.speed <= FASTEST
         and 0.0 <= beacon.battery <= 100.0
+        and 0.0 <= beacon.asks <= MOST
     )
 
 

@@ -77,11 +77,12 @@ class Beacon:
     Attributes:
         sender: its address.
         zone: a UAV's, and that of a vehicle's UAV.
-        to: the UAV that a vehicle tells; None for a UAV, which tells its zone.
+        to: the UAV that serves the vehicle; None for a UAV, or a vehicle without one: these tell their zone.
         position: [m]; None from a vehicle that has left the area.
         time: when it was there [s].
         speed: [m/s].
         battery: of a UAV [0-100].
+        asks: what a vehicle asks for [kbit/s]; 0 of a UAV.
     """
 
     sender: str
@@ -91,6 +92,7 @@ class Beacon:
     time: float
     speed: float = 0.0
     battery: float = 0.0
+    asks: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

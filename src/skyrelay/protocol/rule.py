@@ -33,8 +33,11 @@ RULES = {
     "pso-10": f"{FLOWN}:pso_10",
     "planner": f"{FLOWN}:planner",
     "recharge": f"{FLOWN}:recharge",
+    "serve": "skyrelay.airspace.serve:serve",
 }
-"""Each rule that can fly a run, and where it is."""
+"""Each rule that can fly a run, and where it is; those of `FLOWN` are made with the run's seed."""
+SEEKING = frozenset({"serve"})
+"""Those that also fly a UAV that no vehicle has selected, to where it may be."""
 MARK = b'{"rule": '
 """How a rule's card begins."""
 
@@ -62,6 +65,7 @@ class Rule:
         flies: decides for one UAV.
 
     Attributes:
+        seeks: whether it also flies a UAV that no vehicle has selected.
         card: for the contract.
         content: what the store keeps and the CID is of: the name, and which version of the code decides.
     """
@@ -69,6 +73,7 @@ class Rule:
     def __init__(self, name: str, flies: Flies) -> None:
         self.card = RuleCard(name)
         self.flies = flies
+        self.seeks = name in SEEKING
         told = {"rule": name, "skyrelay": version("skyrelay"), "sha256": plugins.fingerprint(flies)}
         self.content = json.dumps(told).encode()
 
@@ -84,7 +89,7 @@ class Rule:
             ModelError: it is nothing that can decide.
         """
         found = plugins.load(GROUP, name, RULES, "coordination.policy", others)
-        if name in RULES and name != "hovering":
+        if RULES.get(name, "").startswith(FLOWN):
             return cls(name, found(seed))
         if hasattr(found, "begin") and hasattr(found, "act"):  # a `skyrelay.baselines.player.Player`
             adapt = plugins.load(GROUP, "player", {"player": f"{FLOWN}:flown"}, "coordination.policy")

@@ -34,9 +34,12 @@ from skyrelay.protocol.messages import (
     UpdateUav,
 )
 from skyrelay.protocol.model_card import address_of, require_same_card
-from skyrelay.protocol.rule import Decider
+from skyrelay.protocol.rule import Decider, Rule
 from skyrelay.protocol.sequence import UAV, Machine, UavMessage, UavState
 from skyrelay.store.cid import Cid
+
+_EQUIPPED = frozenset({UavState.AVAILABLE, UavState.SELECTED})
+"""Who fetches what its zone flies by: without vehicles, too, since it may be for UAVs that seek some."""
 
 
 class UavAgent(Agent):
@@ -145,6 +148,9 @@ class UavAgent(Agent):
                     return ()
                 self._decisions += 1
                 return (Decide(self.policy, self._sight(place, tick.time)),)
+            case Phase.DECIDE if self.state is UavState.AVAILABLE and isinstance(self.policy, Rule):
+                if self.policy.seeks and self._model is not None and self._fix.position is not None:
+                    return (Decide(self.policy, self._sight(self._fix.position, tick.time)),)
         return ()
 
     def _way_in(self) -> int | None:
@@ -186,7 +192,7 @@ class UavAgent(Agent):
                 self._learn(args["selected"])
             case "UAVAllocated" if args["zone"] == self._zone:
                 (self._team.add if args["selected"] else self._team.discard)(args["uav"])
-            case "ModelAssigned" if args["zone"] == self._zone and self.state is UavState.SELECTED:
+            case "ModelAssigned" if args["zone"] == self._zone and self.state in _EQUIPPED:
                 self._model = args["modelId"]
                 return (ReadModel(self._model),)
             case "ZoneListsReset" if args["zone"] == self._zone:
@@ -238,21 +244,31 @@ class UavAgent(Agent):
             for beacon in self._last_of(sorted(self._team), now)
             if beacon.position is not None
         ]
+        own = _told(self._last_of(self._vehicles, now))
+        seeking = {beacon.sender: beacon for beacon in self._beacons.values() if beacon.asks and beacon.to is None}
+        seekers = _told(self._last_of(sorted(seeking.keys() - set(self._vehicles)), now))
         return Sight(
             law=self._law,
             zone=self._zone,
             own=place,
             team=tuple(position for position, _ in team),
             margins=tuple(margin for _, margin in team),
-            vehicles=tuple(
-                beacon.position for beacon in self._last_of(self._vehicles, now) if beacon.position is not None
-            ),
+            vehicles=tuple(place for place, _ in own),
             battery=self._fix.battery,
             uav=self.name,
             decisions=self._decisions - 1,
+            selected=self.state is UavState.FLYING,
+            demands=tuple(asked for _, asked in own),
+            seekers=tuple(place for place, _ in seekers),
+            sought=tuple(asked for _, asked in seekers),
         )
 
     def _last_of(self, members: Sequence[str], now: float) -> list[Beacon]:
         """The last beacons of members that still count."""
         beacons = (self._beacons[member] for member in members if member in self._beacons)
         return [beacon for beacon in beacons if now - beacon.time <= self._law.patience]
+
+
+def _told(beacons: Sequence[Beacon]) -> list[tuple[tuple[float, float], float]]:
+    """Where vehicles say that they are, and what each asks for."""
+    return [(beacon.position, beacon.asks) for beacon in beacons if beacon.position is not None]

@@ -122,9 +122,15 @@ class VehicleAgent(Agent):
             case Phase.PROPOSE if self.state in {VehicleState.IDLE, VehicleState.UNSERVED} and self._zone:
                 return (ReadZone(self._zone),)
             case Phase.BEACON if self.state is VehicleState.SERVED:
-                fix = self._fix
-                return (SendBeacon(Beacon(self.address, self._zone, self.uav, fix.position, tick.time, fix.speed)),)
+                return self._beacon(self.uav, tick.time)
+            case Phase.BEACON if self.state is VehicleState.UNSERVED and self._fix.position is not None:
+                return self._beacon(None, tick.time)
         return ()
+
+    def _beacon(self, to: str | None, now: float) -> Sequence[Command]:
+        """Tell its UAV, or every UAV of its zone, where it is and what it asks for."""
+        fix, zone = self._fix, self._zone
+        return (SendBeacon(Beacon(self.address, zone, to, fix.position, now, fix.speed, asks=float(self._demand))),)
 
     def _report(self) -> Sequence[Command]:
         """Tell the contract where it is, to 0.1 m; or note that it has left the area."""
