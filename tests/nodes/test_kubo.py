@@ -20,7 +20,7 @@ from skyrelay.protocol.messages import Fix, Phase, Tick
 from skyrelay.protocol.model_card import chain_card
 from skyrelay.protocol.sequence import UavState
 from skyrelay.protocol.uav import UavAgent
-from skyrelay.store.cid import CHUNK_BYTES, Cid, cid_of
+from skyrelay.store.cid import CHUNK_BYTES, LINKS_PER_NODE, PROFILE, Cid, cid_of
 from skyrelay.store.fallback import FallbackStore
 from skyrelay.store.kubo import KuboStore
 from skyrelay.store.local import LocalStore
@@ -51,6 +51,19 @@ def test_kubo_and_the_local_store_give_the_known_address_and_the_same_bytes(swar
         assert cid_of(tmp_path / "copy") == cid
         assert store.has(cid)
         assert StoredModel(cid, size) in store.models()
+
+
+def test_kubo_itself_gives_the_same_addresses_under_the_profile_that_ours_name(tmp_path):
+    node = private_node(tmp_path / "profiled", secrets.token_hex(32))
+    node.run("config", "profile", "apply", PROFILE)
+    for size in (*map(int, KNOWN), LINKS_PER_NODE * CHUNK_BYTES + 1):  # the last: one leaf more than a node links to
+        path = tmp_path / "model"
+        if str(size) in KNOWN:
+            counters(path, size)
+        else:
+            with path.open("wb") as file:
+                file.truncate(size)
+        assert node.run("add", "-Q", "--only-hash", str(path)).strip() == str(cid_of(path))
 
 
 @pytest.mark.parametrize("size", [5, 300_000, 3_000_000])

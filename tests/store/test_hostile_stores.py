@@ -20,7 +20,7 @@ from skyrelay.store.kubo import KuboStore
 from skyrelay.store.local import LocalStore
 from skyrelay.store.model_store import StoredModel
 
-MODEL = bytes(range(256)) * 1500  # two chunks
+MODEL = bytes(range(256)) * 4200  # two chunks
 CID = cid_of(MODEL)
 Answer = Callable[[socket.socket], None]
 
@@ -67,7 +67,7 @@ def silence(connection: socket.socket) -> None:
 
 
 def headers_only(connection: socket.socket) -> None:
-    connection.sendall(b"HTTP/1.1 200 OK\r\nContent-Length: 384000\r\n\r\n")
+    connection.sendall(b"HTTP/1.1 200 OK\r\nContent-Length: 1075200\r\n\r\n")
 
 
 def breaks_off_in_chunks(connection: socket.socket) -> None:
@@ -99,16 +99,16 @@ flipped[300_000] ^= 1
 error = json.dumps({"Message": "block was not found locally", "Code": 0, "Type": "error"}).encode()
 
 HOSTILE = {
-    "flips a bit": (sends(bytes(flipped)), "384000 bytes that hash to bafy"),
+    "flips a bit": (sends(bytes(flipped)), "1075200 bytes that hash to bafy"),
     "sends another model": (sends(b"another"), "7 bytes that hash to bafkrei"),
     "sends nothing": (sends(b""), "0 bytes that hash to bafkrei"),
-    "truncates": (sends(MODEL[:-1]), "383999 bytes that hash to"),
-    "truncates and closes": (sends(MODEL[:-1], len(MODEL)), "383999 bytes that hash to"),
+    "truncates": (sends(MODEL[:-1]), "1075199 bytes that hash to"),
+    "truncates and closes": (sends(MODEL[:-1], len(MODEL)), "1075199 bytes that hash to"),
     "breaks off": (breaks_off_in_chunks, "an answer that breaks off"),
-    "adds a byte": (sends(MODEL + b"\0"), "384001 bytes that hash to"),
+    "adds a byte": (sends(MODEL + b"\0"), "1075201 bytes that hash to"),
     "hangs": (silence, "silent for 0.3 s"),
     "hangs after the headers": (headers_only, "silent for 0.3 s"),
-    "floods": (floods, "over 1000000 bytes"),
+    "floods": (floods, "over 1200000 bytes"),
     "trickles": (trickles, "not done after 0.6 s"),
     "trickles headers": (trickles_headers, "not done after 0.6 s"),
     "has no such model": (sends(error, status="500 Internal Server Error"), "block was not found locally"),
@@ -119,7 +119,7 @@ HOSTILE = {
 
 
 def impatient(url: str) -> KuboStore:
-    return KuboStore(url, timeout=0.3, deadline=0.6, max_bytes=1_000_000)
+    return KuboStore(url, timeout=0.3, deadline=0.6, max_bytes=1_200_000)
 
 
 @pytest.mark.parametrize("kind", HOSTILE)

@@ -1,13 +1,15 @@
 """`skyrelay models`: what it prints, what it writes, what it refuses."""
 
 import json
+import socket
 
 import pytest
 from typer.testing import CliRunner
 
 from skyrelay.cli.main import main
 from skyrelay.cli.models import app
-from skyrelay.core.errors import StoreError, UsageError
+from skyrelay.core.errors import ModelError, StoreError, UsageError
+from skyrelay.policy import Policy
 from skyrelay.store.cid import cid_of
 from skyrelay.store.local import LocalStore
 
@@ -34,7 +36,12 @@ def test_a_model_goes_in_and_out_by_its_address(folder):
     assert (folder / "models" / "pins" / CID).is_file(), "the default store"
     assert json.loads(run("add", "policy.onnx", "--json").stdout) == {"policy.onnx": CID}
     assert json.loads(run("list", "--json").stdout) == {CID: len(MODEL)}
-    assert json.loads(run("verify", CID, "--json").stdout) == {"cid": CID, "bytes": len(MODEL), "verified": True}
+    assert json.loads(run("verify", CID, "--json").stdout) == {
+        "cid": CID,
+        "bytes": len(MODEL),
+        "verified": True,
+        "profile": "unixfs-v1-2025",
+    }
     assert json.loads(run("get", CID, "--out", "copy.onnx", "--json").stdout)["bytes"] == len(MODEL)
     assert (folder / "copy.onnx").read_bytes() == MODEL
 
@@ -87,3 +94,34 @@ def test_a_fault_is_one_line_and_status_2(folder, monkeypatch, capsys):
     assert len(told) == 1
     assert f"store models: block {CID}: is 'damaged (its 6999 bytes hash to bafkrei" in told[0]
     assert not (folder / "out.onnx").exists()
+
+
+def test_a_policy_is_signed_published_and_verified_without_a_network(folder, monkeypatch):
+    policy = folder / "generalist.onnx"
+    policy.write_bytes(Policy.builtin("generalist").content)
+    monkeypatch.setenv("SKYRELAY_KEYSTORE_PASSWORD", "a password")
+    run("key", "ours.pem")
+    run("key", "theirs.pem")
+    signing = ("--key", "ours.pem", "--commit", "1f2e3d4", "--days", "30")
+    made = json.loads(run("sign", "generalist.onnx", *signing, "--out", "signed.onnx", "--json").stdout)
+    assert run("add", "signed.onnx").stdout.split()[-1] == made["cid"]
+
+    def no_network(*_arguments):
+        raise AssertionError("a network was asked")
+
+    monkeypatch.setattr(socket.socket, "connect", no_network)
+    for model in ("signed.onnx", made["cid"]):
+        told = json.loads(run("verify", model, "--key", "theirs.pem.pub", "--key", "ours.pem.pub", "--json").stdout)
+        assert told["cid"] == made["cid"]
+        assert told["expires"] == made["expires"]
+        assert told["profile"] == "unixfs-v1-2025"
+        assert told["provenance"]["commit"] == "1f2e3d4"
+        assert told["provenance"]["evaluation"]
+    with pytest.raises(ModelError, match=r"by the key [0-9a-f]{64}'; expected one by a trusted key"):
+        run("verify", "signed.onnx", "--key", "theirs.pem.pub")
+    with pytest.raises(ModelError, match="without a signature"):
+        run("verify", "generalist.onnx", "--key", "ours.pem.pub")
+    with pytest.raises(UsageError, match="--key PUBLIC"):
+        run("verify", "signed.onnx")
+    with pytest.raises(UsageError, match="not there yet, or --force"):
+        run("sign", "generalist.onnx", *signing, "--out", "signed.onnx")

@@ -1,7 +1,9 @@
-"""``skyrelay models``: add, list, get, verify and pin models by their content address."""
+"""``skyrelay models``: add, list, get, verify, pin and sign models by their content address."""
 
 from __future__ import annotations
 
+import os
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Annotated
 
@@ -9,8 +11,9 @@ import typer
 
 from skyrelay.cli.options import Json, help_alone, print_result
 from skyrelay.core.errors import SkyRelayError, UsageError
-from skyrelay.store.cid import Cid
+from skyrelay.store.cid import PROFILE, Cid, cid_of
 from skyrelay.store.fallback import FallbackStore, open_store
+from skyrelay.store.model_store import MAX_IN_MEMORY
 
 DEFAULT_STORE = "models"
 
@@ -87,13 +90,108 @@ def get(
 
 
 @app.command()
-def verify(cid: Address, stores: Stores = None, as_json: Json = False) -> None:
-    """Read a model from the first store that has it and hash all of it again; nothing is written.
+def verify(
+    model: Annotated[str, typer.Argument(metavar="CID|FILE", help="A model's address, or a file.")],
+    keys: Annotated[
+        list[Path] | None,
+        typer.Option("--key", metavar="PUBLIC", help="Whose signature it must have; repeated: any of these."),
+    ] = None,
+    stores: Stores = None,
+    as_json: Json = False,
+) -> None:
+    """Check a model: hash all of it again by its address; with --key its signature, its attestation and its time.
 
-    For example: skyrelay models verify bafkrei... --store http://127.0.0.1:5001
+    Of a file nothing is asked of any store or network, nor is anything where the stores are folders.
+
+    For example:
+
+      skyrelay models verify bafkrei... --store http://127.0.0.1:5001
+
+      skyrelay models verify signed.onnx --key key.pem.pub
     """
-    size = _open(stores).verify(Cid.parse(cid, "models verify: CID"))
-    print_result({"cid": cid, "bytes": size, "verified": True}, as_json)
+    from skyrelay.policy.signature import public_key
+    from skyrelay.policy.signature import verify as verify_signature
+
+    trusted = [public_key(path) for path in keys or ()]
+    file = Path(model)
+    if file.is_file():
+        if not trusted:
+            raise UsageError(f"models verify {model}", None, "--key PUBLIC: a file says nothing of itself without")
+        content = _read(file)
+    else:
+        address = Cid.parse(model, "models verify: CID")
+        store = _open(stores)
+        content = store.get(address) if trusted else b""
+        told = {"cid": model, "bytes": len(content) if trusted else store.verify(address), "verified": True}
+    if file.is_file():
+        told = {"file": model, "cid": str(cid_of(content)), "bytes": len(content), "verified": True}
+    told["profile"] = PROFILE
+    if trusted:
+        attested = verify_signature(content, trusted, datetime.now(UTC), model)
+        told |= {"key": attested.key, "issued": attested.issued.isoformat(), "expires": attested.expires.isoformat()}
+        told["provenance"] = dict(attested.provenance)
+    print_result(told, as_json)
+
+
+@app.command()
+def key(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Of the private key; FILE.pub gets the public one.")],
+    as_json: Json = False,
+) -> None:
+    """Make a key to sign models with: P-256, encrypted by the password in SKYRELAY_KEYSTORE_PASSWORD (or _FILE).
+
+    For example: skyrelay models key key.pem
+    """
+    from skyrelay.chain.accounts import keystore_password
+    from skyrelay.policy.signature import key_id, new_key, public_key
+
+    public = new_key(file, keystore_password())
+    print_result({"private": str(file), "public": str(public), "key": key_id(public_key(public))}, as_json)
+
+
+@app.command()
+def sign(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A policy.")],
+    key: Annotated[Path, typer.Option("--key", metavar="PRIVATE", help="As `models key` makes it.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Where the signed policy goes.")],
+    days: Annotated[float, typer.Option("--days", min=0.001, max=3660, help="How long it may be flown.")] = 365.0,
+    commit: Annotated[
+        str | None, typer.Option("--commit", help="Of the code that trained it.", show_default="not stated")
+    ] = None,
+    bundle: Annotated[
+        Path | None,
+        typer.Option("--bundle", metavar="FILE", help="Write OpenSSF's bundle of the unsigned file too."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that are already there.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Sign a policy and say what made it: commit, and from its card command, seeds, versions and evaluation.
+
+    The signature lies inside the file, which any reader of ONNX still reads; sign before `models add`.
+
+    For example: skyrelay models sign policy.onnx --key key.pem --days 90 --commit 1f2e3d4 --out signed.onnx
+    """
+    from skyrelay.chain.accounts import PASSWORD, PASSWORD_FILE, keystore_password
+    from skyrelay.core.files import write_bytes, write_text
+    from skyrelay.policy import Policy
+    from skyrelay.policy.signature import openssf_bundle, private_key, split
+    from skyrelay.policy.signature import sign as signed_file
+
+    for place in filter(None, (out, bundle)):
+        if place.is_dir() or (place.exists() and not force):
+            raise UsageError(str(place), None, "a file that is not there yet, or --force")
+    given = PASSWORD in os.environ or PASSWORD_FILE in os.environ
+    secret = private_key(key, keystore_password() if given else None)
+    content = _read(file)
+    card = Policy.load(content, str(file)).card.model_dump(mode="json")
+    made_by = {name: card[name] for name in ("command", "preset", "seeds", "versions", "evaluation")}
+    now = datetime.now(UTC).replace(microsecond=0)
+    expires = now + timedelta(days=days)
+    signed = signed_file(content, file.name, secret, {"commit": commit, **made_by}, now, expires)
+    write_bytes(out, signed)
+    if bundle is not None:
+        write_text(bundle, openssf_bundle(split(content, str(file))[0], file.name, secret) + "\n")
+    print_result({"file": str(out), "cid": str(cid_of(signed)), "expires": expires.isoformat()}, as_json)
 
 
 @app.command()
@@ -105,6 +203,17 @@ def pin(cid: Address, stores: Stores = None, as_json: Json = False) -> None:
     store = _open(stores)
     store.pin(Cid.parse(cid, "models pin: CID"))
     print_result({"cid": cid, "pinned": True}, as_json)
+
+
+def _read(file: Path) -> bytes:
+    try:
+        with file.open("rb") as source:
+            content = source.read(MAX_IN_MEMORY + 1)
+    except OSError as error:
+        raise UsageError(str(file), error.strerror, "a readable model") from None
+    if len(content) > MAX_IN_MEMORY:
+        raise UsageError(str(file), f"over {MAX_IN_MEMORY} bytes", "a model")
+    return content
 
 
 def _open(stores: list[str] | None) -> FallbackStore:

@@ -313,6 +313,9 @@ class Store(_Section):
     """Where models are kept by their content address."""
 
     url: Text | None = Field(None, description="Kubo RPC endpoint; left out: blocks in the run folder")
+    trusted_keys: Annotated[tuple[Text, ...], Field(min_length=1, max_length=100)] | None = Field(
+        None, description="public keys (PEM files): UAVs fly only what one of them has signed; left out: any policy"
+    )
 
 
 class Scenario(_Section):

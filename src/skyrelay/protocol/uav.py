@@ -116,7 +116,7 @@ class UavAgent(Agent):
                 return self._equip(model)
             case ModelFetched(cid, content) if self._read is not None and cid == address_of(self._read):
                 self.policy, self._loaded = self._load(content), cid
-                return self._equip(self._read)
+                return self._ready(self._read, self.policy)
             case Mined() | Refused():
                 self._answered(message)
         return ()
@@ -221,7 +221,11 @@ class UavAgent(Agent):
         cid = address_of(model)
         if self.policy is None or cid != self._loaded:
             return (FetchModel(cid),)
-        require_same_card(model, self.policy.card)
+        self.policy = self._load(self.policy.content)  # once a period: what was signed for a time may be over it
+        return self._ready(model, self.policy)
+
+    def _ready(self, model: Model, policy: Decider) -> Sequence[Command]:
+        require_same_card(model, policy.card)
         if self.state is UavState.SELECTED:
             self.machine.advance(UavMessage.MODEL_VERIFIED)
             self._decisions = 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 
@@ -17,6 +18,7 @@ from skyrelay.core.errors import ModelError
 from skyrelay.core.scenario import Chain as ChainConfig
 from skyrelay.core.scenario import Scenario
 from skyrelay.policy import Policy, builtin_policies
+from skyrelay.policy.signature import public_key, verify
 from skyrelay.protocol.model_card import chain_card
 from skyrelay.protocol.rule import MARK, Decider, Rule
 from skyrelay.runfolder.folder import CHAIN, STORE
@@ -32,18 +34,25 @@ class Hangar:
     """Loads policies; UAVs that were given the same file share one, as all of them are in this process.
 
     Args:
-        scenario: whose rule, if it names one, the UAVs here have on board: no rule's code comes from a store.
+        scenario: whose rule, if it names one, the UAVs here have on board: no rule's code comes from a store; and whose
+            ``store.trusted_keys``, if it has any, must have signed a policy.
+        now: the time by which signatures expire.
+    Raises:
+        ModelError: a key's file is none.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> None:
         self._policies: dict[bytes, Policy] = {}
+        self._now = now
+        self._keys = [public_key(Path(path)) for path in scenario.store.trusted_keys or ()]
         self._rules = [decider for decider in deciders(scenario) if isinstance(decider, Rule)]
 
     def load(self, data: bytes) -> Decider:
         """A checked policy from a file's bytes; or the rule that they are the card of.
 
         Raises:
-            ModelError: the card or the network does not fit a UAV, or the rule here is another.
+            ModelError: the card or the network does not fit a UAV, or the rule here is another; or no trusted key has
+                signed it, or its time is over.
         """
         for rule in self._rules:
             if rule.content == data:
@@ -51,6 +60,8 @@ class Hangar:
         if data.startswith(MARK):
             own = ", ".join(rule.content.decode() for rule in self._rules) or "none"
             raise ModelError("policy", data[:200].decode(errors="replace"), f"the rule of this host: {own}")
+        if self._keys:  # each time, since a policy on board may expire
+            verify(data, self._keys, self._now(), "policy")
         digest = hashlib.sha256(data).digest()
         if digest not in self._policies:
             self._policies[digest] = Policy.load(data)

@@ -1,10 +1,10 @@
 """Content identifiers: the address of a model is the hash of what it says.
 
-The identifier of a file is the one that ``ipfs add --cid-version=1`` gives: the file is cut into chunks of
-262,144 bytes, each a raw leaf; the leaves hang from a balanced tree of dag-pb nodes with at most 174 links each;
-every block is named by its SHA-256; a file of one chunk is its leaf. Only these identifiers are read and made here.
+The identifier of a file is the one of the profile ``unixfs-v1-2025``, which Kubo gives under that profile: the file is
+cut into chunks of 1 MiB, each a raw leaf; the leaves hang from a balanced tree of dag-pb nodes with at most 1,024 links
+each; every block is named by its SHA-256; a file of one chunk is its leaf. Only these identifiers are read and made.
 
-Source: CIDv1 (multiformats), DAG-PB and UnixFS (IPLD/IPFS specifications); the balanced layout is Kubo's default.
+Source: CIDv1 (multiformats), DAG-PB and UnixFS (IPLD/IPFS specifications), the profile of IPIP-499.
 """
 
 from __future__ import annotations
@@ -19,14 +19,16 @@ from typing import BinaryIO
 
 from skyrelay.core.errors import StoreError
 
-CHUNK_BYTES = 262_144
-LINKS_PER_NODE = 174
+PROFILE = "unixfs-v1-2025"
+"""By what rules files become identifiers."""
+CHUNK_BYTES = 1 << 20
+LINKS_PER_NODE = 1024
 
 RAW = 0x55
 DAG_PB = 0x70
 _SHA2_256 = b"\x12\x20"  # multihash prefix: the function's code and its 32 bytes of digest
 _UNIXFS_FILE = 2
-_EXPECTED = "a CIDv1 of a raw or dag-pb block by SHA-256, as `ipfs add --cid-version=1` prints it (59 letters)"
+_EXPECTED = "a CIDv1 of a raw or dag-pb block by SHA-256, as `ipfs add` prints it under unixfs-v1-2025 (59 letters)"
 
 
 @dataclass(frozen=True, order=True, slots=True)

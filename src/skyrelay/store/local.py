@@ -16,7 +16,7 @@ from skyrelay.store.cid import CHUNK_BYTES, DAG_PB, Cid, Importer, decode_node, 
 from skyrelay.store.model_store import MAX_IN_MEMORY, MAX_MODEL_BYTES, StoredModel
 
 _MAX_BLOCK = 2 << 20  # no block of a network that speaks Bitswap is larger
-_MAX_DEPTH = 6  # 174 ** 6 leaves: far beyond any model; a chain of nodes made to be deep ends here
+_MAX_DEPTH = 6  # 1024 ** 6 leaves: far beyond any model; a chain of nodes made to be deep ends here
 
 
 class LocalStore:
