@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from skyrelay.airspace import radio
+from skyrelay.core.scenario import Radio
 
 GHZ = 1e9
+AIR = radio.air(Radio(model="tr36777"), 100.0, seed=1)
 
 
 @pytest.mark.parametrize(
@@ -90,15 +92,22 @@ def test_the_tables_end_somewhere(altitude):
         radio.tr36777_loss(np.asarray(100.0), altitude, 2 * GHZ, "UMa-AV")
 
 
-def test_shadowing_keeps_its_deviation_and_correlates_by_distance():
+def test_shadowing_has_its_deviation_and_correlates_by_the_way_of_both_ends():
     random = np.random.default_rng(1)
-    first = 6.0 * random.standard_normal(200_000)
-    value = first
-    for _ in range(5):  # five ways of 10 m are one of 50 m
-        value = radio.shadowing(value, np.asarray(10.0), random.standard_normal(200_000), 6.0, 50.0)
-    assert value.std() == pytest.approx(6.0, rel=0.01)
-    assert np.corrcoef(first, value)[0, 1] == pytest.approx(np.exp(-1.0), abs=0.01)
-    assert np.array_equal(radio.shadowing(first, np.asarray(0.0), value, 6.0, 50.0), first)
+    here = random.uniform(0, 20_000, (400, 2))
+    first, moved, both = [], [], []
+    for seed in range(40):
+        field = radio.Shadowing.drawn(seed, 50.0)
+        uav, gone = np.array([[500.0, 300.0]]), np.array([[500.0, 325.0]])
+        first.append(field.between(uav, here)[0])
+        moved.append(field.between(uav, here + np.array([50.0, 0.0]))[0])
+        both.append(field.between(gone, here + np.array([15.0, 20.0]))[0])
+    first, moved, both = (np.concatenate(values) for values in (first, moved, both))
+    assert first.mean() == pytest.approx(0.0, abs=0.05)
+    assert first.std() == pytest.approx(1.0, rel=0.05)
+    # 50 m by one end, or 25 m by each: one correlation distance
+    assert np.corrcoef(first, moved)[0, 1] == pytest.approx(np.exp(-1.0), abs=0.06)
+    assert np.corrcoef(first, both)[0, 1] == pytest.approx(np.exp(-1.0), abs=0.06)
 
 
 def test_noise_of_ten_megahertz():
@@ -123,13 +132,48 @@ def test_rate_follows_shannon_up_to_the_cap():
 
 
 def test_links_between_uavs_fall_with_distance():
-    uavs = np.array([[0.0, 0.0], [1000.0, 0.0], [0.0, 8000.0]])
-    rate = radio.link_capacities(uavs, 20.0, 5 * GHZ, 20e6, -94.0, 20.0)
+    rate = radio.link_capacity(np.array([1000.0, 8000.0]), 20.0, 5 * GHZ, 20e6, -94.0, 20.0)
     # 1 km at 5 GHz: 106.43 dB; an SNR of 7.57 dB = 5.716: log2(6.716) = 2.7476 bit/s/Hz
-    assert rate[0, 1] == pytest.approx(2.7476 * 20_000, rel=1e-3)
-    np.testing.assert_array_equal(rate, rate.T)
-    assert (np.diag(rate) == 0).all()
-    assert 0 < rate[0, 2] < rate[0, 1]
+    assert rate[0] == pytest.approx(2.7476 * 20_000, rel=1e-3)
+    assert 0 < rate[1] < rate[0]
+
+
+def law(**keys):
+    return radio.air(Radio(**({"model": "air-to-ground", "antenna": 0.0} | keys)), 100.0, seed=1)
+
+
+def test_a_vehicle_beneath_its_uav_has_what_the_budget_says():
+    # Urban, straight up: sight for certain. 100 m at 2 GHz: 78.468 + 1 dB; 10 - 79.468 dBm against -97 dBm of noise.
+    ratio = 10 ** ((10.0 - 79.468 + 97.0) / 10)
+    found = law(power=10.0, efficiency=99).efficiency(np.zeros((1, 2)), np.zeros((1, 2)), np.array([0]), np.zeros(1))
+    assert found[0] == pytest.approx(np.log2(1 + ratio), rel=1e-3)
+    capped = law(power=10.0).efficiency(np.zeros((1, 2)), np.zeros((1, 2)), np.array([0]), np.zeros(1))
+    assert capped[0] == 7.4
+    assert law(least_sinr=50.0).efficiency(np.zeros((1, 2)), np.full((1, 2), 4e3), np.array([0]), np.zeros(1))[0] == 0
+
+
+@pytest.mark.parametrize("model", ["air-to-ground", "tr36777"])
+def test_a_uav_on_the_same_channel_disturbs_and_a_wall_hides(model):
+    uavs, vehicle, own = np.array([[0.0, 0.0], [400.0, 0.0]]), np.array([[200.0, 90.0]]), np.array([0])
+    air = law(model=model, shadowing=0.0, power=20.0, efficiency=99)
+    alone = air.efficiency(uavs, vehicle, own, np.array([0, 1]))
+    beside = air.efficiency(uavs, vehicle, own, np.array([0, 0]))
+    assert beside[0] == pytest.approx(
+        1.0, abs=1e-2
+    )  # as far away as one's own: a ratio of 1, a hair below it for noise
+    assert alone[0] > 2.0
+    seen, hidden = (air.efficiency(uavs, vehicle, own, np.array([0, 1]), np.array([there])) for there in (True, False))
+    assert hidden < alone <= seen
+
+
+def test_shadowing_is_left_out_where_the_model_has_none_and_by_the_report_where_it_has():
+    assert law().field is None
+    assert law(shadowing=3.0).deviations() == (3.0, 3.0)
+    assert law(model="tr36777").deviations() == radio.tr36777_shadowing(100.0, "UMa-AV")
+    uavs, vehicles = np.zeros((1, 2)), np.random.default_rng(2).uniform(0, 5000, (3000, 2))
+    spread = law(shadowing=8.0).received(uavs, vehicles) - law().received(uavs, vehicles)
+    assert spread.std() == pytest.approx(8.0, rel=0.15)
+    assert radio.air(Radio(), 100.0, seed=1) is None
 
 
 def test_the_laws_are_the_same_in_jax():
@@ -145,6 +189,7 @@ def test_the_laws_are_the_same_in_jax():
         lambda xp: radio.tr36777_loss(xp.asarray(across), 80.0, 2 * GHZ, "UMa-AV"),
         lambda xp: radio.tr36777_loss(xp.asarray(across), 80.0, 2 * GHZ, "UMi-AV"),
         lambda xp: radio.sinr(*map(xp.asarray, (-60.0 - across / 50, owner, channel, sending)), -97.0),
-        lambda xp: radio.link_capacities(xp.asarray(across[:, :2]), 20.0, 5 * GHZ, 20e6, -94.0, 8.0),
+        lambda xp: radio.link_capacity(xp.asarray(across), 20.0, 5 * GHZ, 20e6, -94.0, 8.0),
+        lambda xp: AIR.efficiency(*map(xp.asarray, (across[:, :2], across.T[:, :2], owner, channel))),
     ):
         np.testing.assert_allclose(*both(law), rtol=1e-3)

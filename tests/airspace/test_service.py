@@ -73,14 +73,14 @@ def test_nothing_is_carried_that_is_not_there(seed, vehicles):
 def test_traffic_takes_several_hops_and_the_narrowest_counts():
     links = np.array([[0, 800, 0], [800, 0, 500], [0, 500, 0]], dtype=float)
     gateways = np.array([[0], [0], [2000]], dtype=float)
-    found = service.delivered(np.array([700.0, 0.0, 1000.0]), links, gateways)
+    found = service.delivered(np.array([700.0, 0.0, 1000.0]), links, gateways, np.array([1e9]))
     np.testing.assert_array_equal(found, [500, 0, 1000])
 
 
 def test_traffic_is_split_over_two_ways():
     links = np.array([[0, 300, 400], [0, 0, 0], [0, 0, 0]], dtype=float)
     gateways = np.array([[0, 0], [1000, 0], [0, 1000]], dtype=float)
-    np.testing.assert_array_equal(service.delivered(np.array([900.0, 0, 0]), links, gateways), [700, 0, 0])
+    np.testing.assert_array_equal(service.delivered(np.array([900.0, 0, 0]), links, gateways, ROOMY), [700, 0, 0])
 
 
 def test_a_team_without_a_gateway_delivers_nothing():
@@ -88,37 +88,42 @@ def test_a_team_without_a_gateway_delivers_nothing():
     links[0, 1] = links[1, 0] = links[2, 3] = links[3, 2] = 1e9
     gateways = np.array([[0.0], [0.0], [1e9], [0.0]])
     brought = np.array([100.0, 200.0, 300.0, 400.0])
-    np.testing.assert_array_equal(service.delivered(brought, links, gateways), [0, 0, 300, 400])
-    assert service.delivered_bound(brought, links, gateways) == 700
-    assert service.delivered(brought, links, np.zeros((4, 0))).sum() == 0
-    assert service.delivered_bound(brought, links, np.zeros((4, 0))) == 0
+    np.testing.assert_array_equal(service.delivered(brought, links, gateways, np.array([1e9])), [0, 0, 300, 400])
+    assert service.delivered_bound(brought, links, gateways, np.array([1e9])) == 700
+    # The gateway's own way on is the narrowest.
+    assert service.delivered(brought, links, gateways, np.array([500.0])).sum() == 500
+    assert service.delivered_bound(brought, links, gateways, np.array([500.0])) == 500
+    assert service.delivered(brought, links, np.zeros((4, 0)), np.zeros(0)).sum() == 0
+    assert service.delivered_bound(brought, links, np.zeros((4, 0)), np.zeros(0)) == 0
 
 
 def test_nobody_delivers_nothing():
-    assert service.delivered(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 2))).shape == (0,)
+    assert service.delivered(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 2)), ROOMY).shape == (0,)
 
 
 @pytest.mark.parametrize("wrong", [-1.0, np.nan])
 def test_a_capacity_is_a_number(wrong):
     with pytest.raises(ValueError, match="links: capacities of 0"):
-        service.delivered(np.ones(2), np.full((2, 2), wrong), np.ones((2, 1)))
+        service.delivered(np.ones(2), np.full((2, 2), wrong), np.ones((2, 1)), np.ones(1))
     with pytest.raises(ValueError, match="at most 2147483647"):
-        service.delivered(np.full(2, 2e9), np.zeros((2, 2)), np.ones((2, 1)))
+        service.delivered(np.full(2, 2e9), np.zeros((2, 2)), np.ones((2, 1)), np.ones(1))
 
 
 def network(seed, uavs):
     random = np.random.default_rng(seed)
     links = random.integers(0, 900, (uavs, uavs)) * (random.random((uavs, uavs)) < 0.5)
     gateways = random.integers(0, 2000, (uavs, 2)) * (random.random((uavs, 2)) < 0.3)
-    return random.integers(0, 1000, uavs).astype(float), links.astype(float), gateways.astype(float)
+    brought, capacity = random.integers(0, 1000, uavs), random.integers(0, 2500, 2)
+    return tuple(part.astype(float) for part in (brought, links, gateways, capacity))
 
 
-def least_cut(brought, links, gateways):
+def least_cut(brought, links, gateways, capacity):
     """Over every set of UAVs on the source's side: what enters the others, what leaves the set."""
     cuts = []
     for side in product([False, True], repeat=len(brought)):
         inside = np.array(side)
-        crossing = links[inside][:, ~inside].sum() + gateways[inside].sum()
+        out = np.minimum(gateways[inside].sum(axis=0), capacity)  # a gateway is on the side where less is cut
+        crossing = links[inside][:, ~inside].sum() + out.sum()
         cuts.append(brought[~inside].sum() + crossing)
     return min(cuts)
 
@@ -126,16 +131,17 @@ def least_cut(brought, links, gateways):
 @given(seed=st.integers(0, 2**32 - 1), uavs=st.integers(1, 6))
 @settings(max_examples=80, deadline=None)
 def test_the_flow_is_the_least_cut_and_the_bound_is_no_less(seed, uavs):
-    brought, links, gateways = network(seed, uavs)
-    found = service.delivered(brought, links, gateways)
+    brought, links, gateways, capacity = network(seed, uavs)
+    found = service.delivered(brought, links, gateways, capacity)
     assert ((found >= 0) & (found <= brought)).all()
-    assert found.sum() == least_cut(brought, links, gateways)
-    assert found.sum() <= service.delivered_bound(brought, links, gateways)
+    assert found.sum() == least_cut(brought, links, gateways, capacity)
+    assert found.sum() <= service.delivered_bound(brought, links, gateways, capacity)
     # With links both ways that hold everything, the bound is exact.
     joined = (links > 0) | (links > 0).T
     wide = np.where(joined, 1e6, 0.0)
-    exact = service.delivered(brought, wide, gateways).sum()
-    assert service.delivered_bound(brought, wide, gateways) == exact
+    roomy = gateways.sum(axis=0)
+    exact = service.delivered(brought, wide, gateways, roomy).sum()
+    assert service.delivered_bound(brought, wide, gateways, roomy) == exact
 
 
 def test_a_uav_s_vehicles_share_what_it_delivers():

@@ -72,6 +72,19 @@ def test_an_honest_folder_agrees_and_tells_what_nobody_could_check(recorded):
     assert report.checked["stored blocks"] > 1
 
 
+def test_a_radio_and_gateways_are_worked_out_again(tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    radio = ["radio.model=tr36777", 'gateways=[{name = "station", x = 900.0, y = 900.0, capacity = 20.0}]']
+    play(load_scenario("bologna", ["coordination.steps=4", *radio]), folder, Silent(), draw)
+    assert audit_folder(folder).differences == []
+    rows = pq.read_table(folder / "vehicles.parquet").to_pandas()
+    assert 0 < rows.delivered_kbps.sum() < rows.carried_kbps.sum() < rows.demand_kbps[rows.uav != ""].sum()
+    for column in ("carried_kbps", "delivered_kbps"):
+        change(folder, "vehicles", column, lambda value: value + 900, lambda rows: np.arange(len(rows)) % 9 == 0)
+        assert "vehicles.parquet" in places(folder)
+
+
 def accepted(rows):
     return np.array([row["accepted"] for row in rows])
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyrelay.core.errors import ScenarioError
-from skyrelay.core.scenario import Scenario, builtin_scenarios, load_scenario, to_toml, validate
+from skyrelay.core.scenario import Scenario, builtin_scenarios, load_scenario, to_commented_toml, to_toml, validate
 
 
 @pytest.mark.parametrize("name", builtin_scenarios())
@@ -114,3 +114,31 @@ def test_a_height_of_the_ground_is_passed_over(tmp_path):
     assert geojson(tmp_path / "a.geojson", ring).obstacles.buildings[0].polygon == ((0, 0), (90, 0), (90, 60))
     with pytest.raises(ScenarioError, match="buildings"):
         geojson(tmp_path / "b.geojson", [[0], [90, 0], [90, 60]])
+
+
+@pytest.mark.parametrize(
+    ("overrides", "line"),
+    [
+        (["radio.model=fibre"], "radio.model"),
+        (["radio.channels=0"], "radio.channels"),
+        (["radio.power=1000"], "radio.power"),
+        (["radio.carier=2.0"], "did you mean 'carrier'"),
+        (["radio.model=tr36777", "fleet.altitude=20.0"], "fleet.altitude above 22.5 m and up to 300 m"),
+        (["radio.model=air-to-ground", "fleet.altitude=1.0"], "fleet.altitude above radio.antenna"),
+        (['gateways=[{name = "a", x = 1.0}]'], "gateways.0.y"),
+        (['gateways=[{name = "a", x = 1.0, y = 1.0, size = 3}]'], "gateways.0.size"),
+        (['gateways=[{name = "a", x = 1.0, y = nan}]'], "gateways.0.y"),
+        (['gateways=[{name = "a", x = 1.0, y = 1.0}, {name = "a", x = 2.0, y = 1.0}]'], "'a' is there twice"),
+    ],
+)
+def test_a_radio_or_gateway_that_cannot_be_has_one_line(overrides, line):
+    with pytest.raises(ScenarioError, match=line) as raised:
+        load_scenario("bologna", overrides)
+    assert "\n" not in str(raised.value)
+
+
+def test_gateways_are_written_and_read_back(tmp_path):
+    scenario = load_scenario("bologna", ['gateways=[{name = "a", x = 1.0, y = 2.0, kind = "base-station"}]'])
+    for text in (to_toml(scenario), to_commented_toml(scenario)):
+        (tmp_path / "scenario.toml").write_text(text)
+        assert load_scenario(tmp_path / "scenario.toml").gateways == scenario.gateways

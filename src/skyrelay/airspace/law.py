@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from skyrelay.airspace.charge import Cost
 from skyrelay.airspace.flight import ACTIONS, move
+from skyrelay.airspace.network import Network
 from skyrelay.airspace.rotor import rated
 from skyrelay.core.entities import FloatArray
 from skyrelay.core.resolved import ResolvedScenario
@@ -28,6 +29,7 @@ class Law:
         walls: [W, 5] of the buildings [m], heights over the UAVs' altitude (`in_sight` of
             `skyrelay.airspace.flight`); None on open ground.
         patience: beyond this age a beacon no longer counts [s].
+        network: what links carry; by default the paper's disc without gateways.
     """
 
     grid: ZoneGrid
@@ -37,6 +39,7 @@ class Law:
     energy: Energy
     walls: FloatArray | None
     patience: float
+    network: Network = field(default_factory=Network)
 
     @classmethod
     def of(cls, scenario: ResolvedScenario, grid: ZoneGrid) -> Law:
@@ -47,14 +50,16 @@ class Law:
             for building in scenario.obstacles.buildings
             for start, end in zip(building.polygon, building.polygon[1:] + building.polygon[:1], strict=True)
         ]
+        sides = np.array(walls, dtype=np.float64) if walls else None
         return cls(
             grid=grid,
             reach=fleet.range,
             speed=fleet.speed,
             seconds=coordination.step_seconds,
             energy=rated(scenario.energy, fleet.speed),
-            walls=np.array(walls, dtype=np.float64) if walls else None,
+            walls=sides,
             patience=coordination.patience,
+            network=Network.of(scenario, fleet.range, sides),
         )
 
     @property

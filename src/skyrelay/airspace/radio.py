@@ -9,6 +9,8 @@ Sources:
     Letters 3(6), 2014 (Eq. 4 and 5; a, b and the excess losses at 2 GHz by environment).
     3GPP TR 36.777 V15.0.0, Annex B, Tables B-1 (sight), B-2 (path loss) and B-3 (shadowing).
     M. Gudmundson, "Correlation model for shadow fading in mobile radio systems", Electronics Letters 27(23), 1991.
+    S. Jaeckel, L. Raschkowski, F. Burkhardt, L. Thiele, "Efficient sum-of-sinusoids-based spatial consistency for the
+    3GPP new-radio channel model", IEEE Globecom Workshops, 2018.
 """
 
 from __future__ import annotations
@@ -17,6 +19,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+
+from skyrelay.core.scenario import Radio
 
 SPEED_OF_LIGHT = 299_792_458.0
 THERMAL_NOISE = -174.0
@@ -64,15 +68,21 @@ def sight_probability(across: Any, altitude: float, environment: Environment) ->
     return 1.0 / (1.0 + environment.a * xp.exp(-environment.b * (angle - environment.a)))
 
 
-def air_to_ground_loss(across: Any, altitude: float, frequency: float, environment: Environment) -> Any:
-    """[...] the mean path loss [dB]: free space, and the excess of sight and of no sight by how likely each is.
+def air_to_ground_losses(across: Any, altitude: float, frequency: float, environment: Environment) -> tuple[Any, Any]:
+    """[...] path loss [dB] with a line of sight and without: that of free space and an excess.
 
     Args: as in `sight_probability`; frequency [Hz].
     """
     xp = across.__array_namespace__()
+    free = free_space_loss(xp.sqrt(across * across + altitude**2), frequency)
+    return free + environment.sight, free + environment.hidden
+
+
+def air_to_ground_loss(across: Any, altitude: float, frequency: float, environment: Environment) -> Any:
+    """[...] the mean path loss [dB]: both of `air_to_ground_losses` by how likely each is. Arguments as there."""
     seen = sight_probability(across, altitude, environment)
-    distance = xp.sqrt(across * across + altitude**2)
-    return free_space_loss(distance, frequency) + environment.sight * seen + environment.hidden * (1.0 - seen)
+    sight, hidden = air_to_ground_losses(across, altitude, frequency, environment)
+    return sight * seen + hidden * (1.0 - seen)
 
 
 Cell = Literal["UMa-AV", "UMi-AV"]
@@ -146,22 +156,43 @@ def _within_tr36777(altitude: float) -> None:
         raise ValueError(f"TR 36.777 has UAVs above 22.5 m and up to 300 m, not at {altitude:g} m")
 
 
-def shadowing(before: Any, moved: Any, draws: Any, deviation: float, correlation: float) -> Any:
-    """[...] log-normal shadowing [dB] after a way, correlated with the one before it (Gudmundson).
+WAVES = 128
+"""Of which a field of shadowing is made."""
 
-    A first value is ``deviation * draws``. Two values a way of d apart correlate by exp(-d / correlation), and each is
-    normal with the same deviation, over however many steps the way went.
 
-    Args:
-        before: [...] the shadowing so far [dB].
-        moved: [...] way that the link's ends have gone since, summed [m].
-        draws: [...] standard normal numbers.
-        deviation: [dB].
-        correlation: distance over which the correlation falls to 1/e [m].
+@dataclass(frozen=True)
+class Shadowing:
+    """Correlated log-normal shadowing as a function of where both ends of a link are: nothing has to be remembered.
+
+    A sum of cosines over the place of both ends (Jaeckel et al.), whose waves are drawn from the spectrum of an
+    exponential correlation: in the plane a Cauchy distribution. Two links whose ends are a way of d apart (both ends'
+    ways summed) correlate by exp(-d / correlation), as in Gudmundson's model.
+
+    Attributes:
+        ground, air: [WAVES, 2] waves over the place of either end [rad/m].
+        phase: [WAVES] [rad].
     """
-    xp = before.__array_namespace__()
-    kept = xp.exp(-moved / correlation)
-    return kept * before + deviation * xp.sqrt(1.0 - kept * kept) * draws
+
+    ground: Any
+    air: Any
+    phase: Any
+
+    @classmethod
+    def drawn(cls, seed: int, correlation: float) -> Shadowing:
+        """A field of standard deviation 1; correlation distance in metres."""
+        random = np.random.default_rng([seed, 5])
+        normal, scale = random.standard_normal((2, WAVES, 2)), np.abs(random.standard_normal((2, WAVES, 1)))
+        ground, air = normal / (scale * correlation)
+        return cls(ground, air, random.uniform(0.0, 2.0 * np.pi, WAVES))
+
+    def between(self, uavs: Any, vehicles: Any) -> Any:
+        """[..., N, V] of UAVs [..., N, 2] and vehicles [..., V, 2]."""
+        xp = uavs.__array_namespace__()
+        ground, air, phase = (xp.asarray(part, dtype=uavs.dtype) for part in (self.ground, self.air, self.phase))
+        # cos(a + b) in two products, so that the cost of a link is one row times one column.
+        up, down = uavs @ air.T, vehicles @ ground.T + phase
+        turned = xp.matrix_transpose(xp.concat([xp.cos(down), -xp.sin(down)], axis=-1))
+        return float(np.sqrt(2.0 / WAVES)) * (xp.concat([xp.cos(up), xp.sin(up)], axis=-1) @ turned)
 
 
 def noise(bandwidth: float, figure: float) -> float:
@@ -203,20 +234,103 @@ def spectral_efficiency(ratio: Any, cap: float, least: float = 0.0) -> Any:
     return xp.where(ratio >= least, bound, 0.0)
 
 
-def link_capacities(uavs: Any, power: float, frequency: float, bandwidth: float, floor: float, cap: float) -> Any:
-    """[..., N, N] what each UAV-UAV link carries in free space [kbit/s]; 0 on the diagonal.
+def link_capacity(distance: Any, power: float, frequency: float, bandwidth: float, floor: float, cap: float) -> Any:
+    """[...] what a link in free space carries over a distance [m], on a channel of its own [kbit/s].
 
-    UAVs fly at one altitude, above the roofs; the links have a channel of their own, without interference.
+    UAVs fly at one altitude, above the roofs; a gateway's antenna is above them as well.
 
     Args:
-        uavs: [..., N, 2] positions [m].
         power: sent, with both antennas' gains [dBm].
-        frequency, bandwidth: of the links [Hz].
+        frequency, bandwidth: of the link [Hz].
         floor: noise [dBm].
         cap: as in `spectral_efficiency`.
     """
-    xp = uavs.__array_namespace__()
-    apart = uavs[..., :, None, :] - uavs[..., None, :, :]
-    loss = free_space_loss(xp.sqrt(xp.sum(apart * apart, axis=-1)), frequency)
-    rate = spectral_efficiency(10.0 ** ((power - loss - floor) / 10.0), cap) * (bandwidth / 1000.0)
-    return xp.where(xp.eye(uavs.shape[-2], dtype=xp.bool), 0.0, rate)
+    loss = free_space_loss(distance, frequency)
+    return spectral_efficiency(10.0 ** ((power - loss - floor) / 10.0), cap) * (bandwidth / 1000.0)
+
+
+@dataclass(frozen=True)
+class Air:
+    """A scenario's radio at its fleet's altitude, for any array library.
+
+    Attributes:
+        radio: its numbers; its model is no disc.
+        altitude: of the UAVs [m].
+        field: of the shadowing; None where it has none.
+    """
+
+    radio: Radio
+    altitude: float
+    field: Shadowing | None
+
+    def losses(self, across: Any) -> tuple[Any, Any, Any]:
+        """[...] probability of sight, path loss [dB] with a line of sight and without, over a distance across [m]."""
+        radio, frequency = self.radio, self.radio.carrier * 1e9
+        if radio.model == "tr36777":
+            seen = tr36777_sight_probability(across, self.altitude, radio.cell)
+            return seen, *tr36777_losses(across, self.altitude, frequency, radio.cell, radio.antenna)
+        height, environment = self.altitude - radio.antenna, ENVIRONMENTS[radio.environment]
+        seen = sight_probability(across, height, environment)
+        return seen, *air_to_ground_losses(across, height, frequency, environment)
+
+    def deviations(self) -> tuple[float, float]:
+        """Standard deviation of the shadowing [dB] with a line of sight and without."""
+        if self.radio.shadowing is not None:
+            return self.radio.shadowing, self.radio.shadowing
+        return tr36777_shadowing(self.altitude, self.radio.cell) if self.radio.model == "tr36777" else (0.0, 0.0)
+
+    def received(self, uavs: Any, vehicles: Any, own: Any = None, seen: Any = None) -> Any:
+        """[..., N, V] power of each UAV at each vehicle [dBm].
+
+        Args:
+            uavs, vehicles: [..., N, 2], [..., V, 2] [m].
+            own: [..., N, V] the links whose line of sight is known; None: no link's is, and the mean counts.
+            seen: [..., V] whether there is one.
+        """
+        xp = uavs.__array_namespace__()
+        apart = uavs[..., :, None, :] - vehicles[..., None, :, :]
+        likely, sight, hidden = self.losses(xp.sqrt(xp.sum(apart * apart, axis=-1)))
+        if seen is not None:
+            likely = xp.where(own, xp.astype(seen, likely.dtype)[..., None, :], likely)
+        loss = sight * likely + hidden * (1.0 - likely)
+        if self.field is not None:
+            clear, blocked = self.deviations()
+            loss = loss + self.field.between(uavs, vehicles) * (clear * likely + blocked * (1.0 - likely))
+        return self.radio.power - loss
+
+    def efficiency(
+        self, uavs: Any, vehicles: Any, owner: Any, channel: Any, seen: Any = None, sending: Any = None
+    ) -> Any:
+        """[..., V] what a hertz carries from each vehicle's UAV to it [bit/s/Hz], the others on its channel disturbing.
+
+        Args:
+            uavs, vehicles: as in `received`.
+            owner: [..., V] row of the vehicle's UAV; negative for none.
+            channel: [..., N] of each UAV.
+            seen: [..., V] whether nothing stands between the two; None: not known.
+            sending: [..., N] false for a UAV that is silent; None where all send.
+        """
+        xp = uavs.__array_namespace__()
+        own = owner[..., None, :] == xp.arange(uavs.shape[-2])[:, None]
+        received = self.received(uavs, vehicles, own, seen)
+        on = xp.ones(uavs.shape[:-1], dtype=xp.bool) if sending is None else sending
+        ratio = sinr(received, owner, channel, on, noise(self.radio.bandwidth * 1e6, self.radio.noise_figure))
+        return spectral_efficiency(ratio, self.radio.efficiency, 10.0 ** (self.radio.least_sinr / 10.0))
+
+    def backhaul(self, across: Any, height: float | None) -> Any:
+        """[...] what a link between UAVs (None), or from one to a gateway of a height [m], carries [kbit/s]."""
+        xp, radio = across.__array_namespace__(), self.radio
+        distance = across if height is None else xp.sqrt(across * across + (self.altitude - height) ** 2)
+        floor = noise(radio.link_bandwidth * 1e6, radio.noise_figure)
+        hertz, frequency = radio.link_bandwidth * 1e6, radio.link_carrier * 1e9
+        return link_capacity(distance, radio.link_power, frequency, hertz, floor, radio.efficiency)
+
+
+def air(radio: Radio, altitude: float, seed: int) -> Air | None:
+    """A scenario's; None for the paper's disc. The seed draws the shadowing."""
+    if radio.model == "disc":
+        return None
+    law = Air(radio, altitude, None)
+    if max(law.deviations()) == 0.0:
+        return law
+    return Air(radio, altitude, Shadowing.drawn(seed, radio.correlation))

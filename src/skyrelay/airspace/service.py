@@ -15,6 +15,8 @@ from scipy.sparse.csgraph import maximum_flow
 
 from skyrelay.core.entities import FloatArray, IntArray
 
+Links = FloatArray | coo_array
+
 LARGEST = 2**31 - 1
 """Of a capacity and of a flow [kbit/s]: the solver counts in 32 bits."""
 
@@ -79,7 +81,7 @@ def of_uavs(carried: Any, owner: Any, uavs: int) -> Any:
     return xp.sum(xp.where(served_by, carried[..., None, :], 0.0), axis=-1)
 
 
-def delivered(brought: FloatArray, links: FloatArray, gateways: FloatArray) -> FloatArray:
+def delivered(brought: FloatArray, links: Links, gateways: FloatArray, capacity: FloatArray) -> FloatArray:
     """[N] how much of what each UAV's vehicles bring it reaches a gateway [kbit/s]: in all, the most that can.
 
     Traffic may be split and take any number of hops; each way of a link has its own capacity. Which UAV's traffic gets
@@ -87,40 +89,43 @@ def delivered(brought: FloatArray, links: FloatArray, gateways: FloatArray) -> F
 
     Args:
         brought: [N] of `of_uavs`.
-        links: [N, N] capacity from each UAV to each other (`skyrelay.airspace.radio.link_capacities`), 0 for none.
+        links: [N, N] capacity from each UAV to each other (`skyrelay.airspace.radio.link_capacity`), 0 for none.
         gateways: [N, G] capacity from each UAV to each gateway, 0 for none.
+        capacity: [G] of each gateway.
     Raises:
         ValueError: a capacity is negative or not a number, or all together they are more than the solver can count.
     """
-    for name, capacities in (("brought", brought), ("links", links), ("gateways", gateways)):
+    links = coo_array(links)
+    given = {"brought": brought, "links": links.data, "gateways": gateways, "capacity": capacity}
+    for name, capacities in given.items():
         if not (np.asarray(capacities) >= 0.0).all():
             raise ValueError(f"{name}: capacities of 0 kbit/s or more")
     if float(np.sum(brought)) > LARGEST:
         raise ValueError(f"brought: at most {LARGEST} kbit/s in all, not {float(np.sum(brought)):g}")
-    uavs = len(brought)
+    uavs, exits = gateways.shape
     if not uavs:
         return np.zeros(0)
-    source, sink = uavs, uavs + 1
-    # A link need not be wider than all that there is; which gateway it is makes no difference.
-    total = float(np.sum(brought))
-    out = np.minimum(np.floor(np.minimum(gateways, total)).sum(axis=1), total)
-    sender, receiver = np.nonzero(links)
-    rows = np.concatenate([sender, np.full(uavs, source), np.arange(uavs)])
-    columns = np.concatenate([receiver, np.arange(uavs), np.full(uavs, sink)])
-    capacities = np.concatenate([np.minimum(links[sender, receiver], total), brought, out])
-    whole: npt.NDArray[np.int32] = np.floor(capacities).astype(np.int32)
+    source, sink = uavs + exits, uavs + exits + 1
+    sender, receiver = links.coords
+    leaving, way = np.nonzero(gateways)
+    rows = np.concatenate([sender, leaving, np.full(uavs, source), uavs + np.arange(exits)])
+    columns = np.concatenate([receiver, uavs + way, np.arange(uavs), np.full(exits, sink)])
+    # A link need not be wider than all that there is.
+    wide = np.concatenate([links.data, gateways[leaving, way], brought, capacity])
+    whole: npt.NDArray[np.int32] = np.floor(np.minimum(wide, float(np.sum(brought)))).astype(np.int32)
     kept = (whole > 0) & (rows != columns)
-    graph = coo_array((whole[kept], (rows[kept], columns[kept])), shape=(uavs + 2, uavs + 2)).tocsr()
+    graph = coo_array((whole[kept], (rows[kept], columns[kept])), shape=(sink + 1, sink + 1)).tocsr()
     flow = maximum_flow(graph, source, sink).flow
     through: FloatArray = flow[[source]].toarray().ravel()[:uavs].astype(np.float64)
     return through
 
 
-def delivered_bound(brought: Any, links: Any, gateways: Any) -> Any:
+def delivered_bound(brought: Any, links: Any, gateways: Any, capacity: Any) -> Any:
     """[...] at least as much as the sum of `delivered` [kbit/s], at the cost of a walk over the links.
 
     Of UAVs that links join, no more gets out than their vehicles bring and each one's own ways out hold, nor than their
-    links to gateways hold. It is the sum itself where each link between UAVs holds all that is brought.
+    links to gateways hold, nor in all than the gateways hold. It is the sum itself where each link between UAVs holds
+    all that is brought, and gateways hold what their links do.
 
     Args: as in `delivered`, with leading dimensions.
     """
@@ -139,7 +144,8 @@ def delivered_bound(brought: Any, links: Any, gateways: Any) -> Any:
     first = xp.argmax(xp.astype(joined, xp.int32), axis=-1) == xp.arange(uavs)
     together = xp.sum(xp.where(joined, sent[..., None, :], 0.0), axis=-1)
     held = xp.sum(xp.where(joined, out[..., None, :], 0.0), axis=-1)
-    return xp.sum(xp.where(first, xp.minimum(together, held), 0.0), axis=-1)
+    out_of_all = xp.sum(xp.where(first, xp.minimum(together, held), 0.0), axis=-1)
+    return xp.minimum(out_of_all, xp.sum(xp.minimum(capacity, xp.sum(gateways, axis=-2)), axis=-1))
 
 
 def reached_by(delivered: FloatArray, carried: FloatArray, owner: IntArray) -> FloatArray:

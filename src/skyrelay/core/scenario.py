@@ -278,6 +278,54 @@ class Map(_Section):
     )
 
 
+class Radio(_Section):
+    """What a link carries; UAV-UAV links, and those to gateways, are in free space on channels of their own."""
+
+    model: Literal["disc", "air-to-ground", "tr36777"] = Field(
+        "disc", description="disc: the paper's, all or nothing; Al-Hourani et al. 2014; or 3GPP TR 36.777"
+    )
+    environment: Literal["suburban", "urban", "dense-urban", "high-rise"] = Field(
+        "urban", description="air-to-ground: what stands around"
+    )
+    cell: Literal["UMa-AV", "UMi-AV"] = Field("UMa-AV", description="tr36777: urban macro or micro, aerial users")
+    carrier: Annotated[Real, Field(ge=0.1, le=100)] = Field(2.0, description="[GHz]")
+    bandwidth: Annotated[Real, Field(ge=0.001, le=10_000)] = Field(
+        10.0, description="of a UAV's radio, shared among its vehicles [MHz]"
+    )
+    power: Annotated[Real, Field(ge=-50, le=80)] = Field(30.0, description="of a UAV, with the antennas' gains [dBm]")
+    noise_figure: Annotated[Real, Field(ge=0, le=50)] = Field(7.0, description="of every receiver [dB]")
+    efficiency: Annotated[Real, Field(ge=0.01, le=100)] = Field(
+        7.4, description="of the best modulation and code [bit/s/Hz]"
+    )
+    least_sinr: Annotated[Real, Field(ge=-50, le=50)] = Field(
+        -6.0, description="below which a link carries nothing [dB]"
+    )
+    shadowing: Annotated[Real, Field(ge=0, le=30)] | None = Field(
+        None, description="its standard deviation [dB]; left out: the report's for tr36777, none for air-to-ground"
+    )
+    correlation: Length = Field(50.0, description="way over which shadowing's correlation falls to 1/e [m]")
+    channels: Annotated[Whole, Field(ge=1, le=UINT16)] = Field(
+        4, description="that UAVs take turn by turn; those on one channel disturb each other"
+    )
+    antenna: Annotated[Real, Field(ge=0, le=100)] = Field(1.5, description="height of a vehicle's [m]")
+    link_carrier: Annotated[Real, Field(ge=0.1, le=100)] = Field(5.0, description="of UAV-UAV and gateway links [GHz]")
+    link_bandwidth: Annotated[Real, Field(ge=0.001, le=10_000)] = Field(20.0, description="of each such link [MHz]")
+    link_power: Annotated[Real, Field(ge=-50, le=80)] = Field(
+        30.0, description="of such a link, with the antennas' gains [dBm]"
+    )
+
+
+class Gateway(_Section):
+    """Where traffic leaves the fleet."""
+
+    name: Text = Field(description="what it is called")
+    kind: Literal["roadside-unit", "base-station"] = Field("roadside-unit", description="what it is")
+    x: Coordinate = Field(description="[m]")
+    y: Coordinate = Field(description="[m]")
+    height: Annotated[Real, Field(ge=0, le=UINT16)] = Field(10.0, description="of its antenna [m]")
+    capacity: Annotated[Bandwidth, Field(gt=0)] = Field(100.0, description="of its way on [Mbit/s]")
+
+
 class Chain(_Section):
     """Where the contract lives."""
 
@@ -331,6 +379,8 @@ class Scenario(_Section):
     coordination: Coordination = Coordination()
     energy: Energy = Energy()
     obstacles: Obstacles = Obstacles()
+    radio: Radio = Radio()
+    gateways: Annotated[tuple[Gateway, ...], Field(max_length=1000)] = ()
     map: Map = Map()
     chain: Chain = Chain()
     store: Store = Store()
@@ -368,6 +418,19 @@ class Scenario(_Section):
                 f"vehicles and UAVs times coordination.steps of at most {MAX_POSITIONS:,} "
                 f"({members:,} x {self.coordination.steps:,} are more)"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _radio_of_the_altitude(self) -> Scenario:
+        """A law has its heights."""
+        altitude, radio = self.fleet.altitude, self.radio
+        if radio.model == "tr36777" and not 22.5 < altitude <= 300.0:
+            raise ValueError(f"fleet.altitude above 22.5 m and up to 300 m, as TR 36.777 has it ({altitude:g} m)")
+        if radio.model != "disc" and altitude <= radio.antenna:
+            raise ValueError(f"fleet.altitude above radio.antenna ({altitude:g} m is not above {radio.antenna:g} m)")
+        names = [gateway.name for gateway in self.gateways]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(f"gateways of different names ({twice[0]!r} is there twice)")
         return self
 
     @model_validator(mode="after")
@@ -492,6 +555,8 @@ def to_commented_toml(scenario: Scenario) -> str:
             else:
                 text = tomli_w.dumps({key: value}).rstrip()
             lines.append(f"{text}  # {described.description}" if described.description else text)
+    for gateway in scenario.gateways:
+        lines += ["", "[[gateways]]", tomli_w.dumps(gateway.model_dump()).rstrip()]
     return "\n".join(lines) + "\n"
 
 
@@ -547,8 +612,9 @@ def _suggest(key: str) -> str:
     model: Any = Scenario
     *sections, last = key.split(".")
     for section in sections:
-        # Below a list there are buildings only; their place in it is no key.
-        model = Building if section.isdigit() else model.model_fields[section].annotation
+        # Below a list there are buildings or gateways; their place in it is no key.
+        if not section.isdigit():
+            model = {"buildings": Building, "gateways": Gateway}.get(section) or model.model_fields[section].annotation
     names = list(model.model_fields)
     close = difflib.get_close_matches(last, names, n=1)
     return f"did you mean {close[0]!r}?" if close else "one of " + ", ".join(names)

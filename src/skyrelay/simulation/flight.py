@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from skyrelay.airspace import flight as rules
-from skyrelay.airspace import service
 from skyrelay.airspace.law import Law
 from skyrelay.core.entities import FloatArray, IntArray
 from skyrelay.protocol.messages import Fix
@@ -26,7 +25,7 @@ class Service:
     Attributes:
         covered: inside their own UAV's range, and in its sight where there are buildings; none has a landed UAV.
         carried: over their link to it [kbit/s].
-        delivered: of that, what gets where it is wanted [kbit/s]: all of it, where no gateways are named.
+        delivered: of that, what reaches a gateway [kbit/s]: all of it, where the scenario has none.
     """
 
     covered: npt.NDArray[np.bool_]
@@ -127,8 +126,10 @@ class Flight:
         """What the run's vehicles get where they are: [V] positions [m], NaN if absent."""
         covered = self._covered(x, y)
         demand, available = self._demand.astype(np.float64), self.fleet.bandwidth.astype(np.float64)
-        carried = service.in_disc(demand, self.owner, covered, available)
-        return Service(covered, carried, carried)
+        ground, uavs, aloft = np.column_stack([x, y]), self._positions(slice(None)), self.fleet.zone > 0
+        network = self._law.network
+        carried = network.carried(demand, self.owner, covered, ground, uavs, aloft, available)
+        return Service(covered, carried, network.delivered(carried, self.owner, uavs, aloft))
 
     def _covered(self, x: FloatArray, y: FloatArray) -> npt.NDArray[np.bool_]:
         inside: npt.NDArray[np.bool_] = self._served(x) & (self.fleet.zone[self.owner] > 0)
@@ -167,7 +168,7 @@ class Flight:
         there: npt.NDArray[np.bool_] = (self.owner != NOBODY) & np.isfinite(x)
         return there
 
-    def _positions(self, rows: IntArray) -> FloatArray:
+    def _positions(self, rows: IntArray | slice) -> FloatArray:
         return np.column_stack([self.fleet.x[rows], self.fleet.y[rows]])
 
     def _summary(self, zone: int, served: npt.NDArray[np.bool_], got: Service, path: float, neighbor: float) -> Measure:
