@@ -1,6 +1,6 @@
 """Train a team with BenchMARL, a PyTorch library, on SkyRelay's game.
 
-pip install skyrelay benchmarl
+pip install ".[peers]"
 python examples/train_with_benchmarl.py --algorithm mappo --frames 60000 --out out/benchmarl
 """
 
