@@ -11,12 +11,8 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+import skyrelay as sr
 from skyrelay.audit import audit_folder
-from skyrelay.core.progress import Silent
-from skyrelay.core.scenario import load_scenario
-from skyrelay.report import write_figures, write_report
-from skyrelay.runfolder import new_run_folder
-from skyrelay.simulation import play
 
 
 def main() -> None:
@@ -24,9 +20,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/audited"))
     parser.add_argument("--steps", type=int, default=40)
     arguments = parser.parse_args()
-    scenario = load_scenario("bologna", ["fleet.uavs=18", f"coordination.steps={arguments.steps}"])
-    with new_run_folder(arguments.out, replace=True) as folder:
-        play(scenario, folder, Silent(), lambda run: (write_figures(run), write_report(run)))
+    settings = {"fleet.uavs": 18, "coordination.steps": arguments.steps}
+    sr.run("bologna", out=arguments.out, settings=settings, force=True)
     report = audit_folder(arguments.out)
     print(f"as it was played: {len(report.differences)} differences")
 

@@ -14,11 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from skyrelay.core.progress import Silent
-from skyrelay.core.scenario import load_scenario
-from skyrelay.report import write_figures, write_report
-from skyrelay.runfolder import new_run_folder
-from skyrelay.simulation import play
+import skyrelay as sr
 
 
 def ring_roads(cars: int, seconds: int, seed: int) -> pa.Table:
@@ -47,14 +43,9 @@ def main() -> None:
     trace = arguments.out.with_suffix(".parquet")
     trace.parent.mkdir(parents=True, exist_ok=True)
     pq.write_table(ring_roads(cars=120, seconds=2 * arguments.steps + 10, seed=1), trace)
-    keys = [f"mobility.trace={trace}", "mobility.penetration=1", f"coordination.steps={arguments.steps}", "name=town"]
-    with new_run_folder(arguments.out, replace=True) as folder:
-        summary = play(
-            load_scenario("bologna", keys), folder, Silent(), lambda run: (write_figures(run), write_report(run))
-        )
-    print(
-        f"{summary['vehicles']} vehicles, {summary['in_range']:.0f} in range at a time: {arguments.out / 'report.html'}"
-    )
+    settings = {"mobility.trace": str(trace), "mobility.penetration": 1.0, "coordination.steps": arguments.steps}
+    summary = sr.run("bologna", out=arguments.out, settings=settings, force=True).summary
+    print(f"{summary.vehicles} vehicles, {summary.in_range:.0f} in range at a time: {arguments.out / 'report.html'}")
 
 
 if __name__ == "__main__":

@@ -15,14 +15,10 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
+import skyrelay as sr
 from skyrelay.airspace.flight import unit_moves
 from skyrelay.airspace.maps import OUTLOOK_MAPS, map_names
-from skyrelay.core.progress import Silent
-from skyrelay.core.scenario import load_scenario
-from skyrelay.policy import Card, Policy
-from skyrelay.policy.card import CARD_KEY
-from skyrelay.runfolder import new_run_folder
-from skyrelay.simulation import play
+from skyrelay.policy.card import CARD_KEY, Card
 
 N = 9  # side of a map
 MAPS = map_names(obstacles=False, energy=False, outlook=True)
@@ -84,12 +80,12 @@ def main() -> None:
     arguments.out.mkdir(parents=True, exist_ok=True)
     file = arguments.out / "by-hand.onnx"
     file.write_bytes(network())
-    print(f"{Policy.load(file).card.name}: checked, {file.stat().st_size:,} bytes")
+    print(f"{sr.Policy.load(file).card.name}: checked, {file.stat().st_size:,} bytes")
     for policy in (str(file), "generalist"):
-        keys = [f"coordination.policy={policy}", f"coordination.steps={arguments.steps}"]
-        with new_run_folder(arguments.out / Path(policy).stem, replace=True) as folder:
-            summary = play(load_scenario("bologna", keys), folder, Silent())
-        print(f"{Path(policy).stem}: coverage {summary['coverage']:.3f}, connectivity {summary['connectivity']:.3f}")
+        folder = arguments.out / Path(policy).stem
+        settings = {"coordination.steps": arguments.steps}
+        summary = sr.run("bologna", out=folder, policy=policy, settings=settings, force=True).summary
+        print(f"{folder.name}: coverage {summary.coverage:.3f}, connectivity {summary.connectivity:.3f}")
 
 
 if __name__ == "__main__":

@@ -1,56 +1,49 @@
-"""A selection method of your own beside the shipped ones, on the same vehicles and UAVs.
+"""A selection method of your own, flown in a run beside the shipped ones.
 
-python examples/own_selection.py
+The contract checks what it can of any method: that no UAV takes more than its bandwidth holds, and nobody twice.
+
+python examples/own_selection.py --out out/own-selection
 """
 
 from __future__ import annotations
 
+import argparse
+from pathlib import Path
+
 import numpy as np
 
-from skyrelay.core.entities import UavTable, VehicleTable
+import skyrelay as sr
 from skyrelay.core.scenario import Selection as Settings
-from skyrelay.core.scenario import load_scenario
-from skyrelay.selection import METHODS, Selection, evaluate, is_valid, select
 from skyrelay.selection.candidates import candidate_pairs
-from skyrelay.selection.instances import draw_instance
-from skyrelay.selection.quality import pair_qou, pair_qov
 
 
-def best_payer_first(vehicles: VehicleTable, uavs: UavTable, settings: Settings) -> Selection:
-    """Whoever pays most chooses first: its candidate of highest QoU that still has the bandwidth."""
+def best_payer_first(vehicles: sr.VehicleTable, uavs: sr.UavTable, settings: Settings) -> np.ndarray:
+    """[V] index of each vehicle's UAV, or -1. Whoever pays most chooses first: its best UAV that has room."""
     pairs = candidate_pairs(vehicles, uavs, settings)
-    quality = pair_qou(vehicles, uavs, pairs.vehicle, pairs.uav, settings)
     left = uavs.bandwidth.copy()
     assignment = np.full(len(vehicles), -1)
     for vehicle in np.argsort(-vehicles.payment, kind="stable"):
         mine = np.flatnonzero(pairs.vehicle == vehicle)
-        for pair in mine[np.argsort(-quality[mine], kind="stable")]:
+        for pair in mine[np.argsort(-pairs.qou[mine], kind="stable")]:
             if left[pairs.uav[pair]] >= vehicles.demand[vehicle]:
                 assignment[vehicle] = pairs.uav[pair]
                 left[pairs.uav[pair]] -= vehicles.demand[vehicle]
                 break
-    served = np.flatnonzero(assignment >= 0)
-    qou, qov = np.full(len(vehicles), np.nan), np.full(len(vehicles), np.nan)
-    qou[served] = pair_qou(vehicles, uavs, served, assignment[served], settings)
-    qov[served] = pair_qov(vehicles, uavs, served, assignment[served], settings)
-    return Selection("best-payer-first", assignment, qou, qov)
+    return assignment
 
 
 def main() -> None:
-    scenario = load_scenario("paper", ["selection.candidates=zone"])
-    settings = scenario.selection
-    vehicles, uavs = draw_instance(vehicles=200, uavs=40, seed=1, scenario=scenario)
-    selections = [select(vehicles, uavs, method, settings=settings, time_limit=10) for method in METHODS]
-    selections.append(best_payer_first(vehicles, uavs, settings))
-    print(f"{'method':<18} {'served':>6} {'mean QoU':>9} {'mean QoV':>9} {'blocking pairs':>15}")
-    for selection in selections:
-        if not is_valid(vehicles, uavs, selection.assignment, settings):
-            raise SystemExit(f"{selection.method}: a UAV has more vehicles than bandwidth, or one that is no candidate")
-        metrics = evaluate(vehicles, uavs, selection, settings)
-        print(
-            f"{selection.method:<18} {metrics.served:>6} {metrics.mean_qou:>9.1f} {metrics.mean_qov:>9.1f} "
-            f"{metrics.blocking_pairs:>15}"
-        )
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("out/own-selection"))
+    parser.add_argument("--steps", type=int, default=100)
+    arguments = parser.parse_args()
+    print(f"{'method':<18} {'served':>6} {'in range':>9} {'mean QoU':>9} {'mean QoV':>9}")
+    for name, method in (("two-sided", "two-sided"), ("nearest", "nearest"), ("best-payer-first", best_payer_first)):
+        settings = {"coordination.steps": arguments.steps}
+        run = sr.run("bologna", out=arguments.out / name, method=method, settings=settings, force=True)
+        told = run.summary
+        marks = f"{told.mean_qou:>9.1f} {told.mean_qov:>9.1f}"
+        print(f"{name:<18} {told.served_per_period:>6.0f} {told.in_range:>9.0f} {marks}")
 
 
 if __name__ == "__main__":

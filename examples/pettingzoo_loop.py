@@ -10,7 +10,7 @@ import argparse
 
 import numpy as np
 
-from skyrelay.coordination.pettingzoo import parallel_env
+import skyrelay as sr
 
 
 def main() -> None:
@@ -18,7 +18,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=50, help="of an episode")
     arguments = parser.parse_args()
     for name in ("random", "hovering"):
-        env = parallel_env(uavs=3, vehicles=10, steps=arguments.steps)
+        env = sr.make("paper", uavs=3, vehicles=10, steps=arguments.steps)
         observations, _ = env.reset(seed=1)  # a dict: maps by agent
         for agent in env.agents:
             env.action_space(agent).seed(1)

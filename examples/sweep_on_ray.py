@@ -13,17 +13,15 @@ import tempfile
 from pathlib import Path
 from statistics import mean
 
-from skyrelay.core.progress import Silent
-from skyrelay.core.scenario import load_scenario
-from skyrelay.runfolder import new_run_folder
-from skyrelay.simulation import play
+import skyrelay as sr
 
 
-def one_run(uavs: int, seed: int, steps: int) -> dict[str, float]:
-    """A whole run in a worker; its folder is not kept."""
-    scenario = load_scenario("bologna", [f"fleet.uavs={uavs}", f"coordination.steps={steps}"], seed)
-    with tempfile.TemporaryDirectory() as place, new_run_folder(Path(place) / "run") as folder:
-        return play(scenario, folder, Silent())
+def one_run(uavs: int, seed: int, steps: int) -> tuple[float, float]:
+    """A whole run in a worker, its folder not kept: vehicles in range and connected, at a time."""
+    settings = {"fleet.uavs": uavs, "coordination.steps": steps}
+    with tempfile.TemporaryDirectory() as place:
+        summary = sr.run("bologna", out=Path(place) / "run", seed=seed, settings=settings, report=False).summary
+    return summary.in_range, summary.connected
 
 
 def main() -> None:
@@ -45,8 +43,8 @@ def main() -> None:
     }
     for uavs, runs in asked.items():
         results = ray.get(runs)
-        inside = mean(result["in_range"] for result in results)
-        print(f"{uavs:3} UAVs: {inside:5.1f} of {results[0]['connected']:.0f} vehicles in range at a time")
+        inside, connected = (mean(values) for values in zip(*results, strict=True))
+        print(f"{uavs:3} UAVs: {inside:5.1f} of {connected:.0f} vehicles in range at a time")
     ray.shutdown()
 
 

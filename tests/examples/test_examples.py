@@ -25,8 +25,8 @@ def example(tmp_path):
 
 
 def test_an_own_selection_stands_beside_the_shipped_ones(example):
-    served = dict(re.findall(r"^(\S+) +(\d+) ", example("own_selection.py"), re.MULTILINE))
-    assert set(served) == {"two-sided", "nnm", "optimal", "nearest", "random", "best-payer-first"}
+    served = dict(re.findall(r"^(\S+) +(\d+) ", example("own_selection.py", "--steps", 20), re.MULTILINE))
+    assert set(served) == {"two-sided", "nearest", "best-payer-first"}
     assert 0 < int(served["best-payer-first"]) <= 200
 
 
