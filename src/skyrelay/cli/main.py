@@ -14,6 +14,7 @@ from skyrelay.cli import (
     agent,
     audit,
     baseline,
+    bound,
     chain_devnet,
     chain_doctor,
     chain_gas,
@@ -55,6 +56,7 @@ app.command("scenario")(scenario.command)
 app.command("report")(report.command)
 app.command("live")(live.command)
 app.command("audit")(audit.command)
+app.command("bound")(bound.command)
 app.command("deploy")(contract.deploy)
 app.command("grant")(contract.grant)
 app.command("revoke")(contract.revoke)
