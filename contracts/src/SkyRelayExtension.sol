@@ -564,6 +564,8 @@ contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP7
         ) return false;
         (ProposalStatus status,) = _status(v);
         v = v.withInfo(MemberLibrary.vehicleInfo(x, y, payment, u.uavZone(), v));
+        // One that comes back to a zone comes back to what was decided there.
+        if (status == ProposalStatus.None) (status,) = _status(v);
         return _propose(vehicle, v, status, uav, u, demand, round).length == 0;
     }
 

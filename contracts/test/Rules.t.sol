@@ -437,6 +437,45 @@ contract RulesTest is Signing {
         equal(relay.getProposals(uav(0)).length, 0, "nothing");
     }
 
+    function test_whoLeftAfterARejectionComesBackToIt() public {
+        addUAV(0, 500, 1);
+        addUAV(1, 3_000, 1);
+        addUAV(2, 3_000, 2);
+        address member = signer(11);
+        check(handIn(uav(0), signed(11, offer(321, 1_000))), "taken");
+        allocate(1);
+        check(status(member) == ProposalStatus.Rejected, "rejected");
+        vm.prank(member);
+        relay.updateVehicleInfo(0, 0, 1, 2);
+        check(status(member) == ProposalStatus.None, "nothing in the zone that it goes to");
+        uint256 since = relay.getVehicleInfo(member).timestamp;
+        check(!handIn(uav(0), signed(11, offer(321, since))), "by a signature");
+        vm.prank(member);
+        relay.updateVehicleInfo(0, 0, 1, 1);
+        uint32 now_ = round(1);
+        vm.prank(member);
+        vm.expectRevert(abi.encodeWithSelector(AlreadyRejected.selector, member, uav(0)));
+        relay.submitVehSelection(uav(0), 400, now_); // by a transaction
+        vm.prank(member);
+        relay.updateVehicleInfo(0, 0, 1, 2);
+        Offer memory other = offer(321, relay.getVehicleInfo(member).timestamp);
+        other.uav = uav(1);
+        check(handIn(uav(1), signed(11, other)), "another UAV of the zone");
+    }
+
+    function test_whatIsOpenElsewhereStaysOpen() public {
+        addUAV(0, 3_000, 1);
+        addUAV(1, 3_000, 2);
+        address member = signer(11);
+        check(handIn(uav(0), signed(11, offer(321, 1_000))), "taken");
+        Offer memory other = offer(1, relay.getVehicleInfo(member).timestamp);
+        (other.uav, other.zone, other.round) = (uav(1), 2, round(2));
+        check(!handIn(uav(1), signed(11, other)), "a second one, in another zone");
+        allocate(1);
+        check(status(member) == ProposalStatus.Selected, "selected");
+        check(!handIn(uav(1), signed(11, other)), "beside a selection");
+    }
+
     function test_oneThatIsRefusedDoesNotSpoilABatch() public {
         addUAV(0, 20_000, 1);
         SignedBatch[] memory batches = new SignedBatch[](1);

@@ -276,9 +276,6 @@ class SideBySide(RuleBasedStateMachine):
                 continue
             vehicle = self.reference.vehicles[v]
             before = replace(vehicle)
-            rejected = vehicle.proposal is not None and vehicle.proposal[1].status is ProposalStatus.REJECTED
-            if rejected and vehicle.zone != uav.zone:
-                vehicle.proposal = None  # judged as it stands, in the zone that it comes from (decision 0053)
             vehicle.x, vehicle.y, vehicle.payment, vehicle.zone = *place, payment, uav.zone
             if self.reference.submit(v, u, demand, round_) is None:
                 expected.append(self.vehicle_names[v])

@@ -278,11 +278,11 @@ class ReferenceContract:
         vehicle, uav, zone = self._vehicles[args["vehicle"]], self._uavs[args["uav"]], self._zones[args["zone"]]
         status = self._status(vehicle)
         self._require("vehicle's proposal before", status, status in ("none", "rejected"), "none or rejected")
-        if status == "rejected" and vehicle.proposal is not None:
+        self._expect_terms(event, args, vehicle)
+        if self._status(vehicle) == "rejected" and vehicle.proposal is not None:
             self._require(
                 "UAV", args["uav"], vehicle.proposal[0] != args["uav"], "one that has not rejected the vehicle"
             )
-        self._expect_terms(event, args, vehicle)
         self._expect("zone of the UAV", uav.zone, args["zone"])
         self._expect("zone of the vehicle", vehicle.zone, args["zone"])
         self._expect("round", args["round"], zone.round)
