@@ -41,3 +41,21 @@ def test_a_node_beside_another_is_refused(tmp_path):
     store = ["--set", "store.url=http://127.0.0.1:5001"]
     told = CliRunner().invoke(app, ["up", "--out", str(tmp_path / "up"), "--kubo", *store], standalone_mode=False)
     assert isinstance(told.exception, UsageError)
+
+
+def test_vehicles_that_sign_are_served_as_those_that_send(run_folder, tmp_path):
+    process = skyrelay(
+        "up",
+        "--out",
+        tmp_path / "up",
+        *sets("chain.submission=batch"),
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    _, lines = process.communicate(timeout=300)
+    assert process.returncode == 0, lines
+    one, many = decided(run_folder), decided(tmp_path / "up")
+    for table in ("candidates", "moves", "vehicles"):
+        assert many[table] == one[table], table
+    audit = skyrelay("audit", tmp_path / "up", stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    assert audit.wait(120) == 0, audit.stdout.read()

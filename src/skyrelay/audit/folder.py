@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from skyrelay.audit.tables import Compared, check_accounts, check_flight, check_
 from skyrelay.chain.abi import Event
 from skyrelay.chain.accounts import signer
 from skyrelay.chain.client import Settings
-from skyrelay.chain.embedded.chain import account_of
+from skyrelay.chain.embedded.chain import account_of, signing_members
 from skyrelay.chain.node.chain import NodeChain
 from skyrelay.chain.proof.audit import AuditReport, Progress, audit_node, audit_run, in_silence
 from skyrelay.chain.proof.replay import Difference
@@ -67,7 +67,7 @@ def audit_folder(folder: Path, progress: Progress = in_silence, *, head: str | N
     told = _history(compared, run, report)
     if told is None:
         return report
-    check_accounts(compared, told, rows["accounts"], account_of if run.summary.chain_url is None else None)
+    check_accounts(compared, told, rows["accounts"], _derivation(run))
     _check_scenario(compared, run, told)
     check_periods(compared, told, rows, run.scenario.selection)
     summary = run.summary
@@ -93,6 +93,13 @@ def audit_folder(folder: Path, progress: Progress = in_silence, *, head: str | N
             "candidates and bandwidth only"
         )
     return report
+
+
+def _derivation(run: Run) -> Callable[[str], str] | None:
+    """How the run's addresses follow from its names; None where keys that nobody has told give them."""
+    if run.summary.chain_url is not None:
+        return None
+    return signing_members().account if run.scenario.chain.submission == "batch" else account_of
 
 
 def audit_node_folder(

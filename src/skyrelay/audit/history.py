@@ -98,7 +98,20 @@ def history(
             told.periods[opened].fleet = {name: dict(row) for name, row in uavs.items() if row["zone"]}
             told.periods[opened].members = {name: dict(row) for name, row in vehicles.items() if name in there}
 
+    def note(vehicle: str, args: Mapping[str, Any], step: int) -> None:
+        """A vehicle's record, by itself or with the proposal that it signed, as its period has it."""
+        vehicles[vehicle] |= {
+            "x": args["x"] / DECIMETRES,
+            "y": args["y"] / DECIMETRES,
+            "zone": args["zone"],
+            "payment": float(args["payment"]),
+        }
+        reported.setdefault(step, set()).add(vehicle)
+        if opened >= 0 and step == opened * period_steps:
+            told.periods[opened].members[vehicle] = dict(vehicles[vehicle])
+
     held: dict[str, set[str]] = {}
+    settled = 0
     rounds: dict[int, int] = {}
     for event, step in zip(events, steps, strict=True):
         args = event.args
@@ -136,13 +149,7 @@ def history(
                 if event.name == "VehicleRegistered":
                     told.registered["vehicle"].append(args["vehicle"])
                     vehicles[name] = {"reputation": args["reputation"] / HUNDREDTHS}
-                vehicles[name] |= {
-                    "x": args["x"] / DECIMETRES,
-                    "y": args["y"] / DECIMETRES,
-                    "zone": args["zone"],
-                    "payment": float(args["payment"]),
-                }
-                reported.setdefault(step, set()).add(name)
+                note(name, args, step)
             case "ReputationSet" | "MemberRated":
                 name = names.get(args["member"], args["member"])
                 (uavs if name in uavs else vehicles)[name]["reputation"] = args["reputation"] / HUNDREDTHS
@@ -150,6 +157,7 @@ def history(
                 rounds[args["zone"]] = args["round"]
             case "VehSelectionSubmitted" if period < periods:
                 vehicle, uav = names.get(args["vehicle"], args["vehicle"]), names.get(args["uav"], args["uav"])
+                note(vehicle, args, step)
                 told.demands[vehicle] = args["demand"]
                 told.periods[period].proposals.append(
                     {
@@ -165,11 +173,11 @@ def history(
                     }
                 )
             case "UAVAllocated":
+                if period != settled:  # nothing is held from one period to the next
+                    held, settled = {}, period
                 held[names.get(args["uav"], args["uav"])] = {names.get(v, v) for v in args["selected"]}
         if event.name == "UAVAllocated" and period < periods:
             _settle(told.periods[period].proposals, held)
-        elif event.name in ("ZoneListsReset", "VehicleRegistered", "VehicleUpdated"):
-            held = {}
     open_periods(periods - 1)
     order = 0
     for one in told.periods:

@@ -25,6 +25,7 @@ _PROPOSAL = (
     ("since", "uint32"),
 )
 _VOUCHER = (("member", "address"), ("kind", "uint8"), ("expires", "uint256"))
+_ACKNOWLEDGEMENT = (("proposal", "bytes32"), ("deadline", "uint256"))
 UAV, VEHICLE = 1, 2
 """Kinds of members in a voucher."""
 
@@ -75,11 +76,13 @@ class SignedProposal:
         signature = bytes.fromhex(r[2:]) + (s & ((1 << 255) - 1)).to_bytes(32, "big") + bytes([27 + (s >> 255)])
         return cls(Proposal(uav, zone, round_, _signed(x), _signed(y), payment, demand, since), signature)
 
+    def digest(self, contract: str, chain_id: int) -> bytes:
+        """What its vehicle signed: 32 bytes."""
+        return _digest(_message("Proposal", _PROPOSAL, _fields(self.proposal, _PROPOSAL), contract, chain_id))
+
     def signer(self, contract: str, chain_id: int) -> str | None:
         """The address that signed it for a contract; None where the signature is none."""
-        message = _message("Proposal", _PROPOSAL, _fields(self.proposal, _PROPOSAL), contract, chain_id)
-        digest = keccak(b"\x19" + message.version + message.header + message.body)
-        return recovered(digest, self.signature[:64] + bytes([self.signature[64] - 27]))
+        return _recovered(self.digest(contract, chain_id), self.signature)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +110,38 @@ def sign_voucher(keyring: Keyring, registrar: str, voucher: Voucher, contract: s
     """The voucher with its registrar's signature, for one contract on one chain."""
     message = _message("Voucher", _VOUCHER, _fields(voucher, _VOUCHER), contract, chain_id)
     return replace(voucher, signature=keyring.sign_message(registrar, message))
+
+
+def sign_acknowledgement(
+    keyring: Keyring, relayer: str, proposal: SignedProposal, deadline: int, contract: str, chain_id: int
+) -> bytes:
+    """A relayer's signature of a proposal and the number of the last block that it may come in."""
+    return keyring.sign_message(relayer, _acknowledgement(proposal, deadline, contract, chain_id))
+
+
+def acknowledgement_signer(
+    proposal: SignedProposal, deadline: int, signature: bytes, contract: str, chain_id: int
+) -> str | None:
+    """Who signed that; None where the signature is none."""
+    return _recovered(_digest(_acknowledgement(proposal, deadline, contract, chain_id)), signature)
+
+
+def _acknowledgement(proposal: SignedProposal, deadline: int, contract: str, chain_id: int) -> SignableMessage:
+    # With the signature: two vehicles can have signed the same words.
+    named = keccak(proposal.digest(contract, chain_id) + proposal.signature)
+    values = {"proposal": named, "deadline": deadline}
+    return _message("Acknowledgement", _ACKNOWLEDGEMENT, values, contract, chain_id)
+
+
+def _digest(message: SignableMessage) -> bytes:
+    return keccak(b"\x19" + message.version + message.header + message.body)
+
+
+def _recovered(digest: bytes, signature: bytes) -> str | None:
+    """Who signed a digest; None where the bytes are no signature with a v of 27 or 28."""
+    if len(signature) != 65 or signature[64] not in (27, 28):
+        return None
+    return recovered(digest, signature[:64] + bytes([signature[64] - 27]))
 
 
 def _fields(source: Proposal | Voucher, types: tuple[tuple[str, str], ...]) -> dict[str, Any]:

@@ -159,7 +159,9 @@ def lines(s: Mapping[str, Any], folder: Path, mobility: Mobility) -> Iterator[tu
             f"({s['static_handovers']:,}); 19 of 20 outages at most {s['outage_p95_seconds']:,.0f} s "
             f"({s['static_outage_p95_seconds']:,.0f} s)",
         )
-    yield "Chain", f"{s['transactions']:,} transactions, {s['gas_used']:,} gas, {s['blocks']} blocks"
+    share = s["vehicles_per_period"] * s["periods"]
+    each = f", {s['gas_used'] / share:,.0f} a vehicle and period" if share else ""
+    yield "Chain", f"{s['transactions']:,} transactions, {s['gas_used']:,} gas{each}, {s['blocks']} blocks"
     flown = zip(s["decided_by"], s["model_cids"], strict=True)
     yield "Decided by", ", ".join(f"the {who} ({cid})" for who, cid in flown) or "nobody: no UAV was selected"
     yield "Time", f"{s['wall_seconds']:.1f} s, {s['chain_seconds']:.1f} s of it on the chain"

@@ -347,6 +347,9 @@ class Chain(_Section):
     proposals_per_call: Annotated[Whole, Field(ge=1, le=UINT16)] = Field(
         60, description="largest piece of a zone's allocation in one transaction [proposals]"
     )
+    submission: Literal["direct", "batch"] = Field(
+        "direct", description="direct: vehicles send records and proposals; batch: they sign, a relayer hands many in"
+    )
 
     @model_validator(mode="after")
     def _of_a_node(self) -> Chain:

@@ -25,6 +25,7 @@ from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.authority import ReputationAuthority
 from skyrelay.protocol.coordinator import ZoneCoordinator
 from skyrelay.protocol.host import Host
+from skyrelay.protocol.relay import Relay
 from skyrelay.protocol.uav import UavAgent
 from skyrelay.protocol.vehicle import VehicleAgent
 from skyrelay.simulation.consortium import Hangar
@@ -81,6 +82,7 @@ def run_agents(
             open_store(config),
             heard=radio.note,
             refused=lambda agent, error: say(f"{agent.name}: {error}"),
+            relay=Relay(keyring, agents[0].address),
             alone=False,
         )
         host.catch_up()
@@ -119,9 +121,18 @@ def _metrics(name: str, host: Host, radio: Radio) -> Metrics:
 def make_agents(kind: Kind, config: HostConfig, keyring: Keyring) -> list[Agent]:
     """The agents of one kind that a host's file names, with the addresses that its keys give them."""
     if kind == "vehicle":
-        selection, grid = config.resolved().selection, config.grid()
+        scenario, grid = config.resolved(), config.grid()
+        signs = scenario.chain.submission == "batch"
         return [
-            VehicleAgent(vehicle.name, keyring.account(vehicle.name), vehicle.demand, vehicle.payment, grid, selection)
+            VehicleAgent(
+                vehicle.name,
+                keyring.account(vehicle.name),
+                vehicle.demand,
+                vehicle.payment,
+                grid,
+                scenario.selection,
+                signs=signs,
+            )
             for vehicle in config.vehicle
         ]
     if kind == "uav":

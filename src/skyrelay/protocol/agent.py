@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar
 
-from skyrelay.protocol.messages import ChainCall, Command, Message, Mined, Phase, Refused
+from skyrelay.protocol.messages import ChainCall, Command, LeftOut, Message, Mined, Offer, Phase, Refused
 
 
 class Agent(ABC):
@@ -40,12 +40,12 @@ class Agent(ABC):
             ProtocolError: the process sequence does not allow it.
         """
 
-    def _call(self, command: ChainCall) -> Sequence[Command]:
+    def _call(self, command: ChainCall | Offer) -> Sequence[Command]:
         """A call, unless one of its kind is under way: a slow chain shall not be asked twice."""
         if type(command) in self._under_way:
             return ()
         self._under_way.add(type(command))
         return (command,)
 
-    def _answered(self, message: Mined | Refused) -> None:
+    def _answered(self, message: Mined | Refused | LeftOut) -> None:
         self._under_way.discard(type(message.call))

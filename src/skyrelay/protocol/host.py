@@ -24,10 +24,12 @@ from skyrelay.protocol.messages import (
     Decided,
     FetchModel,
     Fix,
+    LeftOut,
     Mined,
     ModelFetched,
     ModelRead,
     Move,
+    Offer,
     Phase,
     ReadModel,
     ReadStation,
@@ -38,6 +40,7 @@ from skyrelay.protocol.messages import (
     Tick,
     ZoneRead,
 )
+from skyrelay.protocol.relay import Relay
 from skyrelay.protocol.rule import Decider, Rule
 from skyrelay.protocol.sight import decide
 from skyrelay.protocol.vehicle import Choice, VehicleAgent
@@ -61,6 +64,7 @@ class Host:
         store: where policies come from; whatever it answers has been hashed again.
         heard: is called with every event, after the agents have heard it.
         refused: is called with every call that the contract refuses, after its agent has been told; None: it raises.
+        relay: hands in what the vehicles here sign; None where none of them does.
         alone: whether nobody else writes to the contract, so that what is mined here is all there is to hear.
 
     Attributes:
@@ -75,10 +79,12 @@ class Host:
         heard: Callable[[Event], None],
         refused: Callable[[Agent, ContractError], None] | None = None,
         *,
+        relay: Relay | None = None,
         alone: bool = True,
     ) -> None:
         self.client, self.store = client, store
         self._refused, self._alone, self._next_block = refused, alone, 0
+        self._relay = relay
         self.agents = list(agents)
         self.transactions = self.gas_used = 0
         self.chain_seconds = 0.0
@@ -195,14 +201,16 @@ class Host:
         """Carry out what is wanted, and what is wanted because of that, until nothing is."""
         while wishes:
             calls: list[tuple[Agent, ChainCall]] = []
+            offers: list[tuple[Agent, Offer]] = []
             undecided: list[tuple[Agent, Decide]] = []
             for agent, command in wishes:
-                self._carry_out(agent, command, calls, undecided)
+                self._carry_out(agent, command, calls, offers, undecided)
             self._decide(undecided)
+            wishes = self._hand_in(offers, timestamp) if offers else []
             if not calls:
-                return
+                continue
             receipts = self._mine([to_call(call, agent.address, self.client) for agent, call in calls], timestamp)
-            wishes = self._route(self.client.events_of(receipts) if self._alone else self._news())
+            wishes += self._route(self.client.events_of(receipts) if self._alone else self._news())
             for (agent, call), receipt in zip(calls, receipts, strict=True):
                 wishes += [(agent, wish) for wish in self._answer(agent, call, receipt)]
 
@@ -211,9 +219,10 @@ class Host:
         agent: Agent,
         command: Command,
         calls: list[tuple[Agent, ChainCall]],
+        offers: list[tuple[Agent, Offer]],
         undecided: list[tuple[Agent, Decide]],
     ) -> None:
-        """Do what can be done at once; note the calls, to be mined together, and the decisions, to be made together."""
+        """Do what can be done at once; note calls and offers, and decisions, each to be dealt with together."""
         match command:
             case ReadZone(zone):
                 answer: Sequence[Command] = agent.receive(ZoneRead(self.view(zone)))
@@ -232,11 +241,14 @@ class Host:
             case Decide():
                 undecided.append((agent, command))
                 return
+            case Offer():
+                offers.append((agent, command))
+                return
             case _:
                 calls.append((agent, command))
                 return
         for wish in answer:
-            self._carry_out(agent, wish, calls, undecided)
+            self._carry_out(agent, wish, calls, offers, undecided)
 
     def _decide(self, undecided: Sequence[tuple[Agent, Decide]]) -> None:
         """One run of the network for all UAVs that fly the same policy, each on its own sight."""
@@ -248,7 +260,21 @@ class Host:
             actions = policy.decide(sights) if isinstance(policy, Rule) else decide(policy, sights)
             for (agent, _), action in zip(group, actions, strict=True):
                 for wish in agent.receive(Decided(action)):
-                    self._carry_out(agent, wish, [], [])
+                    self._carry_out(agent, wish, [], [], [])
+
+    def _hand_in(self, offers: Sequence[tuple[Agent, Offer]], timestamp: int | None) -> list[Wish]:
+        """Have the relayer hand in what vehicles offer; each hears whether the contract has taken it."""
+        if self._relay is None:
+            raise RuntimeError("vehicles that sign need a relayer")
+        signed = self._timed(self._relay.sign, self.client, [(agent.address, offer) for agent, offer in offers])
+        receipts = self._mine(self._relay.calls(self.client, signed), timestamp)
+        events = self.client.events_of(receipts)
+        taken = {event.args["vehicle"] for event in events if event.name == "VehSelectionSubmitted"}
+        wishes = self._route(events if self._alone else self._news())
+        for agent, offer in offers:
+            answer = Mined(offer) if agent.address in taken else LeftOut(offer)
+            wishes += [(agent, wish) for wish in agent.receive(answer)]
+        return wishes
 
     def _answer(self, agent: Agent, call: ChainCall, receipt: Receipt) -> Sequence[Command]:
         """Tell an agent what became of its call."""

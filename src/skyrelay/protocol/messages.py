@@ -145,7 +145,7 @@ class Decided:
 class Mined:
     """A call of the agent is in a block; its events came before."""
 
-    call: ChainCall
+    call: ChainCall | Offer
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,6 +154,13 @@ class Refused:
 
     call: ChainCall
     error: ContractError
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """What the agent signed is not on the chain: the relayer did not hand it in, or the contract passed it over."""
+
+    call: Offer
 
 
 Message: TypeAlias = (
@@ -169,6 +176,7 @@ Message: TypeAlias = (
     | Decided
     | Mined
     | Refused
+    | LeftOut
 )
 
 
@@ -196,6 +204,14 @@ class Propose:
     uav: str
     demand: int
     round: int
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """A proposal that the vehicle signs together with its record, for a relayer to hand in: submitSigned()."""
+
+    proposal: Propose
+    record: VehicleRecord
 
 
 @dataclass(frozen=True, slots=True)
@@ -315,4 +331,4 @@ class Move:
     action: int
 
 
-Command: TypeAlias = ChainCall | ReadZone | ReadStation | ReadModel | FetchModel | SendBeacon | Decide | Move
+Command: TypeAlias = ChainCall | Offer | ReadZone | ReadStation | ReadModel | FetchModel | SendBeacon | Decide | Move

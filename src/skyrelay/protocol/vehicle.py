@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -19,8 +19,10 @@ from skyrelay.protocol.messages import (
     Beacon,
     Command,
     Fix,
+    LeftOut,
     Message,
     Mined,
+    Offer,
     Phase,
     Propose,
     ReadZone,
@@ -65,11 +67,23 @@ class VehicleAgent(Agent):
         payment: [cents per Mbit/s].
         grid: of the zones.
         settings: of the selection (weights, maxima, candidates).
+        signs: whether it signs its proposals, its record with them, for others to hand in; what is left out, and a
+            record without a proposal, it sends itself.
     """
 
     HEARS: ClassVar[frozenset[str]] = frozenset({"UAVAllocated", "ZoneListsReset"})
 
-    def __init__(self, name: str, address: str, demand: int, payment: int, grid: ZoneGrid, settings: Settings) -> None:
+    def __init__(
+        self,
+        name: str,
+        address: str,
+        demand: int,
+        payment: int,
+        grid: ZoneGrid,
+        settings: Settings,
+        *,
+        signs: bool = False,
+    ) -> None:
         super().__init__(name, address)
         self.machine = Machine(f"vehicle {name}", VEHICLE, VehicleState.NEW)
         self.uav: str | None = None
@@ -84,6 +98,10 @@ class VehicleAgent(Agent):
         self._advised: str | None = None
         self._table: VehicleTable | None = None
         self._zone = 0
+        self._signs = signs
+        self._record: VehicleRecord | None = None
+        """Of this period, which the contract does not have yet."""
+        self._left_out: Propose | None = None
         self._closed = False  # the period before is over, and none has begun
 
     @property
@@ -103,11 +121,19 @@ class VehicleAgent(Agent):
             case Event():
                 self._hear(message)
             case ZoneRead(view):
-                return () if view is None else self._choose(view)
+                return self._tell_record() if view is None else self._choose(view)
+            case LeftOut(offer):
+                self._answered(message)
+                self._left_out = offer.proposal
+                return self._call(UpdateVehicle(offer.record))
             case Mined() | Refused():
                 self._answered(message)
-                if isinstance(message, Refused) and self.state is VehicleState.CHOOSING:
-                    self.machine.advance(VehicleMessage.ABSTAIN)
+                left_out, self._left_out = self._left_out, None
+                if self.state is not VehicleState.CHOOSING:
+                    return ()
+                if isinstance(message, Mined) and left_out is not None:
+                    return self._call(left_out)
+                self.machine.advance(VehicleMessage.ABSTAIN)  # refused, or its record told and nobody to ask
         return ()
 
     # The clock
@@ -144,7 +170,14 @@ class VehicleAgent(Agent):
         record = VehicleRecord(np.round(x, 1).item(), np.round(y, 1).item(), self._payment, zone)
         if self.state is VehicleState.NEW:
             return self._call(RegisterVehicle(record))
-        return self._call(UpdateVehicle(record)) if self.machine.allows(VehicleMessage.UPDATE) else ()
+        if not self.machine.allows(VehicleMessage.UPDATE):
+            return ()
+        if not self._signs or not zone:
+            return self._call(UpdateVehicle(record))
+        self.machine.advance(VehicleMessage.UPDATE)
+        self._record = record
+        self._note_record(round(record.x * DECIMETRES), round(record.y * DECIMETRES), zone)
+        return ()
 
     # The chain
 
@@ -153,29 +186,30 @@ class VehicleAgent(Agent):
         match event.name:
             case "VehicleRegistered":
                 self.machine.advance(VehicleMessage.REGISTER)
-                self._note_record(args)
+                self._note_record(args["x"], args["y"], args["zone"])
             case "VehicleUpdated":
                 self.machine.advance(VehicleMessage.UPDATE)
-                self._note_record(args)
+                self._note_record(args["x"], args["y"], args["zone"])
+                self._record = None
             case "VehSelectionSubmitted":
                 if self.state is not VehicleState.CHOOSING:  # read before this agent was started again
                     self.machine.advance(VehicleMessage.READ_ZONE)
                 self.machine.advance(VehicleMessage.PROPOSE)
-                self.uav = args["uav"]
+                self.uav, self._record = args["uav"], None
             case "UAVAllocated" if args["uav"] == self.uav and self.state in _BOUND:
                 self._learn(self.address in args["selected"])
             case "ZoneListsReset" if args["zone"] == self._zone and not self._closed:
                 self._end_period()
 
-    def _note_record(self, args: Mapping[str, Any]) -> None:
-        """The record that the contract has now is what Algorithm 1 goes by."""
-        self._zone = args["zone"]
+    def _note_record(self, x: int, y: int, zone: int) -> None:
+        """What the contract has, or gets with the next proposal, is what Algorithm 1 goes by [0.1 m]."""
+        self._zone = zone
         self._closed = False
         # Algorithm 1 weighs the UAVs alone, so the vehicle's own reputation does not matter here.
         self._table = VehicleTable(
             ids=(self.name,),
-            x=_one(args["x"] / DECIMETRES),
-            y=_one(args["y"] / DECIMETRES),
+            x=_one(x / DECIMETRES),
+            y=_one(y / DECIMETRES),
             zone=np.array([self._zone], dtype=np.int64),
             demand=_one(self._demand),
             payment=_one(self._payment),
@@ -224,11 +258,23 @@ class VehicleAgent(Agent):
             address: float(score) for address, score in zip(view.uavs.ids, qou, strict=True) if np.isfinite(score)
         }
         if column < 0:
-            self.machine.advance(VehicleMessage.ABSTAIN)
             self.choice = Choice(None, 0.0, weighed)
-            return ()
+            wishes = self._tell_record()
+            if not wishes:
+                self.machine.advance(VehicleMessage.ABSTAIN)
+            return wishes
         self.choice = Choice(view.uavs.ids[column], float(qou[column]), weighed)
-        return self._call(Propose(view.uavs.ids[column], self._demand, view.round))
+        proposal = Propose(view.uavs.ids[column], self._demand, view.round)
+        return self._call(Offer(proposal, self._told(view)) if self._signs else proposal)
+
+    def _tell_record(self) -> Sequence[Command]:
+        """One that has nothing to sign tells the contract where it is by itself."""
+        return () if self._record is None else self._call(UpdateVehicle(self._record))
+
+    def _told(self, view: ZoneView) -> VehicleRecord:
+        """The record that its proposal is signed with."""
+        assert self._table is not None  # noqa: S101  (it has one, or it would not choose)
+        return VehicleRecord(float(self._table.x[0]), float(self._table.y[0]), self._payment, view.zone)
 
     def _as_advised(self, view: ZoneView) -> int:
         """The column of the UAV that another method than Algorithm 1 gave; -1 where there is none, or no more."""

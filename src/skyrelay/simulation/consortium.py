@@ -11,7 +11,7 @@ from types import TracebackType
 from skyrelay.airspace.maps import map_names
 from skyrelay.chain.accounts import Keyring
 from skyrelay.chain.client import IovClient, Role, Settings
-from skyrelay.chain.embedded.chain import EmbeddedChain
+from skyrelay.chain.embedded.chain import EmbeddedChain, signing_members
 from skyrelay.chain.node.chain import NodeChain
 from skyrelay.chain.proof.root import TrustRoot
 from skyrelay.core.errors import ModelError
@@ -20,6 +20,7 @@ from skyrelay.core.scenario import Scenario
 from skyrelay.policy import Policy, builtin_policies
 from skyrelay.policy.signature import public_key, verify
 from skyrelay.protocol.model_card import chain_card
+from skyrelay.protocol.relay import Relay
 from skyrelay.protocol.rule import MARK, Decider, Rule
 from skyrelay.runfolder.folder import CHAIN, STORE
 from skyrelay.store.cid import Cid
@@ -86,7 +87,8 @@ class Consortium:
         url = scenario.store.url
         self.store: ModelStore = KuboStore(url) if url else LocalStore(folder / STORE)
         self.hangar = Hangar(scenario)
-        self.chain = _open_chain(scenario.chain, folder)
+        self.chain, self._keyring = _open_chain(scenario.chain, folder)
+        self._submission = scenario.chain.submission
         self._elsewhere = dict(elsewhere or {})
         self.administrator, self.coordinator, self.publisher, self.authority = map(self.account, PARTIES)
         self._standbys = [
@@ -99,7 +101,16 @@ class Consortium:
 
     def account(self, name: str) -> str:
         """The address of a party or member."""
-        return self._elsewhere.get(name) or self.chain.account(name)
+        if name in self._elsewhere:
+            return self._elsewhere[name]
+        return self.chain.account(name) if self._keyring is None else self._keyring.account(name)
+
+    @property
+    def relay(self) -> Relay | None:
+        """The coordinator, where vehicles sign with keys that are here."""
+        if self._keyring is None or self._submission == "direct":
+            return None
+        return Relay(self._keyring, self.coordinator)
 
     def parties(self) -> dict[str, str]:
         """Name and address of those with a role."""
@@ -160,13 +171,15 @@ class Consortium:
             self.chain.close()
 
 
-def _open_chain(config: ChainConfig, folder: Path) -> EmbeddedChain | NodeChain:
+def _open_chain(config: ChainConfig, folder: Path) -> tuple[EmbeddedChain | NodeChain, Keyring | None]:
+    """The chain, and the keys of this host's members; an embedded chain's have some where they sign."""
     if config.url is None:
-        return EmbeddedChain(folder / CHAIN)
+        return EmbeddedChain(folder / CHAIN), signing_members() if config.submission == "batch" else None
     keyring = Keyring.open(Path(config.keystore)) if config.keystore else Keyring.ephemeral()
     urls = [url.strip() for url in config.url.split(",")]
     root = TrustRoot.of(config.validators or ())
-    return NodeChain(urls, keyring, chain_id=config.chain_id, root=root, confirmations=config.confirmations)
+    chain = NodeChain(urls, keyring, chain_id=config.chain_id, root=root, confirmations=config.confirmations)
+    return chain, keyring
 
 
 def deciders(scenario: Scenario) -> list[Policy] | list[Rule]:

@@ -105,7 +105,7 @@ def play(
     with Consortium(world.scenario, folder) as consortium:
         run = Run(world, consortium.account)
         agents = world_agents(world, consortium.account, consortium.hangar.load)
-        run.hosts = host = Host(agents, consortium.client, consortium.store, run.hear)
+        run.hosts = host = Host(agents, consortium.client, consortium.store, run.hear, relay=consortium.relay)
         progress.stage("Consortium and members", 1)
         founded = time.monotonic()
         consortium.found()
@@ -124,11 +124,12 @@ def world_agents(world: World, account: Callable[[str], str], load: Callable[[by
     scenario, fleet = world.scenario, world.fleet
     addresses = world.addresses(account)
     members, selection = world.members, scenario.selection
+    signs = scenario.chain.submission == "batch"
     vehicles = zip(world.tracks.ids, members.demand.tolist(), members.payment.tolist(), strict=True)
     uavs = zip(fleet.ids, fleet.zone.tolist(), fleet.bandwidth.tolist(), strict=True)
     return [
         *(
-            VehicleAgent(name, addresses[name], demand, payment, world.law.grid, selection)
+            VehicleAgent(name, addresses[name], demand, payment, world.law.grid, selection, signs=signs)
             for name, demand, payment in vehicles
         ),
         *(

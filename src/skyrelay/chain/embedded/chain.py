@@ -9,6 +9,7 @@ from types import TracebackType
 from eth_hash.auto import keccak
 
 from skyrelay.chain import evm
+from skyrelay.chain.accounts import Keyring
 from skyrelay.chain.chain import Answer, Call, LogEntry, Receipt, SentTransaction
 from skyrelay.chain.embedded.ledger import (
     FILE_NAME,
@@ -389,6 +390,11 @@ class BlockBuilder:
 
 def _address(number: int) -> str:
     return f"0x{number:040x}"
+
+
+def signing_members() -> Keyring:
+    """Keys of an embedded chain's members that sign for others to hand in; as open as the chain itself."""
+    return Keyring(keccak(b"skyrelay embedded members"))
 
 
 def account_of(name: str) -> str:

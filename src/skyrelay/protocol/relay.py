@@ -1,0 +1,60 @@
+"""The relayer: signs nothing for itself, and hands in what vehicles have signed, many proposals to a transaction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from skyrelay.chain.accounts import Keyring
+from skyrelay.chain.chain import DEFAULT_GAS, Call
+from skyrelay.chain.client import DECIMETRES, SIGNED_GAS, IovClient
+from skyrelay.chain.typed_data import Proposal, SignedProposal, sign_proposal
+from skyrelay.protocol.messages import Offer
+
+BATCH = 200
+"""Proposals in one transaction: 20 kB, and beyond it a proposal becomes no cheaper."""
+
+
+@dataclass(frozen=True)
+class Relay:
+    """Of one host.
+
+    Args:
+        keyring: of its vehicles; each signs with a key of its own.
+        account: who sends the transactions, any account of the chain.
+    """
+
+    keyring: Keyring
+    account: str
+
+    def sign(self, client: IovClient, offers: Sequence[tuple[str, Offer]]) -> list[SignedProposal]:
+        """Each vehicle's offer, by its address, signed for the record that the contract has of it now."""
+        told = client.vehicle_infos([vehicle for vehicle, _ in offers])
+        return [
+            sign_proposal(
+                self.keyring,
+                vehicle,
+                Proposal(
+                    uav=offer.proposal.uav,
+                    zone=offer.record.zone,
+                    round=offer.proposal.round,
+                    x=round(offer.record.x * DECIMETRES),
+                    y=round(offer.record.y * DECIMETRES),
+                    payment=round(offer.record.payment),
+                    demand=offer.proposal.demand,
+                    since=info.timestamp,
+                ),
+                client.address,
+                client.chain.chain_id,
+            )
+            for (vehicle, offer), info in zip(offers, told, strict=True)
+        ]
+
+    def calls(self, client: IovClient, proposals: Sequence[SignedProposal]) -> list[Call]:
+        """The transactions, in the order of the proposals; each fits a block."""
+        room = (client.chain.block_gas_limit - DEFAULT_GAS) // SIGNED_GAS
+        size = max(1, min(BATCH, room))
+        return [
+            client.submit_signed(self.account, proposals[start : start + size])
+            for start in range(0, len(proposals), size)
+        ]
