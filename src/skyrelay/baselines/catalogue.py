@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from typing import Any
 
 from skyrelay.baselines.centroid import Centroid
@@ -12,6 +11,7 @@ from skyrelay.baselines.planner import Planner
 from skyrelay.baselines.player import Player, Random, Static, play_from
 from skyrelay.baselines.recharge import Recharge
 from skyrelay.coordination import game
+from skyrelay.core import plugins
 from skyrelay.core.errors import UsageError
 from skyrelay.learning.evaluation import summary, unseen_key
 
@@ -29,19 +29,23 @@ BASELINES: dict[str, Player] = {
     "recharge": Recharge(),
 }
 """Each as the figures and the command line know it."""
+GROUP = "skyrelay.baselines"
+"""Of entry points."""
 
 
 def baseline(name: str) -> Player:
-    """The baseline of a name.
+    """The baseline of a name: a shipped one's, an entry point's, or ``module:Player`` that the user has named.
 
     Raises:
-        UsageError: there is none; the closest name is suggested.
+        UsageError: there is none, the closest name is suggested; or it is no player.
     """
-    if name not in BASELINES:
-        close = difflib.get_close_matches(name, BASELINES, n=1)
-        hint = f" (did you mean {close[0]!r}?)" if close else ""
-        raise UsageError("baseline", name, f"one of {', '.join(BASELINES)}{hint}")
-    return BASELINES[name]
+    if name in BASELINES:
+        return BASELINES[name]
+    found = plugins.load(GROUP, name, {}, "baseline", list(BASELINES))
+    player = found() if isinstance(found, type) and issubclass(found, Player) else found
+    if not isinstance(player, Player):
+        raise UsageError("baseline", name, "a class or an object of skyrelay.baselines.player.Player")
+    return player
 
 
 def evaluate_baseline(name: str, seed: int, games: game.State, traces: game.Trace | None = None) -> dict[str, Any]:

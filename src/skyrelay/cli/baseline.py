@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from skyrelay.cli import episodes as played
-from skyrelay.cli.options import Json, print_result
+from skyrelay.cli.options import Json, named_code, print_result
 
 
 def command(
@@ -15,7 +15,7 @@ def command(
         str,
         typer.Argument(
             help="static, random, centroid, centroid-linked, cover, pso-placed, pso, pso-10, planner, clairvoyant, "
-            "or recharge (games with energy)."
+            "recharge (games with energy), or module:Player."
         ),
     ],
     uavs: played.Uavs = "3",
@@ -38,14 +38,20 @@ def command(
       skyrelay baseline centroid-linked --uavs 3 --vehicles 20 --episodes 200
       skyrelay baseline static --uavs 4 --trace bologna
     """
+    named_code(name)
     from skyrelay.baselines.catalogue import evaluate_baseline
+    from skyrelay.cli.progress import ShownProgress
     from skyrelay.coordination.settings import Shape
 
-    # No baseline looks at the maps: their size does not matter.
-    starts, traces = played.unseen(
-        uavs, vehicles, games, ratio, trace, zone_side, step_seconds, episodes, seed, Shape.n, Shape.zoom
-    )
+    with ShownProgress() as progress:
+        progress.stage("Games", 1)
+        # No baseline looks at the maps: their size does not matter.
+        starts, traces = played.unseen(
+            uavs, vehicles, games, ratio, trace, zone_side, step_seconds, episodes, seed, Shape.n, Shape.zoom
+        )
+        progress.stage(f"Compiling, flying {episodes:,} times", 1)
+        measured = evaluate_baseline(name, seed, starts, traces)
     outcome: dict[str, Any] = {"baseline": name, "uavs": uavs, "vehicles": vehicles}
     outcome |= {"trace": trace} if trace else {"games": games}
     outcome |= {"episodes": episodes, "seed": seed}
-    print_result(outcome | evaluate_baseline(name, seed, starts, traces), as_json)
+    print_result(outcome | measured, as_json)

@@ -13,10 +13,13 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import MutableMapping
 from types import FrameType
 from typing import NoReturn
 
 STATUS = 130
+CACHE_BYTES = 512 * 2**20
+"""Of compiled programs that are kept; the least lately used go first."""
 PATIENCE = 0.3
 """Seconds that the main thread has to notice; then it is inside compiled code, which may take minutes (a compiler)."""
 _UNSAFE = ("jax", "jaxlib", "equinox", "optax", "importlib", "_frozen_importlib", "_frozen_importlib_external")
@@ -26,6 +29,7 @@ _noticed = threading.Event()
 def main() -> None:
     """Entry point of the console script; `skyrelay.cli.main.main` within a process of its own."""
     guard()
+    keep_programs()
     try:
         from skyrelay.cli.main import main as command
 
@@ -38,6 +42,23 @@ def main() -> None:
         if end.code == STATUS:
             _gone()
         raise
+
+
+def keep_programs(environment: MutableMapping[str, str] = os.environ) -> None:
+    """Have JAX keep what it compiles in the user's cache folder, for the commands to come, unless told otherwise.
+
+    ``SKYRELAY_COMPILED=off`` keeps nothing, another value is the folder; what is set for JAX itself stays.
+    """
+    place = environment.get("SKYRELAY_COMPILED", "")
+    if place == "off" or "JAX_COMPILATION_CACHE_DIR" in environment:
+        return
+    if not place:
+        from platformdirs import user_cache_path
+
+        place = str(user_cache_path("skyrelay") / "compiled")
+    environment["JAX_COMPILATION_CACHE_DIR"] = place
+    environment.setdefault("JAX_COMPILATION_CACHE_MAX_SIZE", str(CACHE_BYTES))
+    environment.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
 
 
 def guard() -> None:

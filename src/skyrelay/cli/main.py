@@ -123,6 +123,10 @@ def main() -> None:
         # The reader of a pipe has gone (`| head`): nothing more to say, and nothing to flush at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
+    except OSError as error:
+        # A place that may not be written, a full disk: wherever it is, the person at the keyboard can mend it.
+        where = f"{error.filename}: " if error.filename is not None else ""
+        _stop(f"{where}{error.strerror or error}; expected a place that can be read and written", 2)
     if status == 130:  # what Typer makes of KeyboardInterrupt
         _stop("interrupted", 130)
     sys.exit(status if isinstance(status, int) else 0)

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
+import math
 import os
+import sys
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from skyrelay.cli.options import Json, help_alone, print_result
+from skyrelay.cli.options import Json, help_alone, print_result, span
 from skyrelay.core.errors import SkyRelayError, UsageError
 from skyrelay.store.cid import PROFILE, Cid, cid_of
 from skyrelay.store.fallback import FallbackStore, open_store
 from skyrelay.store.model_store import MAX_IN_MEMORY
 
 DEFAULT_STORE = "models"
+ASKED = {
+    "--name": "of the policy",
+    "--uavs": "trained for: 3, or 2-4",
+    "--vehicles": "trained for: 20, or 5-20",
+    "--ratio": "zone side over range: 2, or 1.5-3",
+    "--uav-step": "length of a move [zone sides]: 0.05",
+    "--steps": "of a team in training",
+    "--limits": "in words: where it should not fly",
+}
+"""What each part of a card is, for who is asked for it."""
 
 app = typer.Typer(
     help="Models by content address: a folder of blocks, or a Kubo node of the IPFS network.",
@@ -55,6 +67,115 @@ def add(
             raise UsageError(f"models add {file}", None, "a file that is there")
     store = _open(stores)
     print_result({str(file): str(store.put(file)) for file in files}, as_json)
+
+
+@app.command()
+def wrap(
+    network: Annotated[Path, typer.Argument(metavar="NET.onnx", help="Input [batch, maps, n, n], output [batch, 9].")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Where the policy goes.")],
+    name: Annotated[str | None, typer.Option("--name", help="Of the policy.", show_default=False)] = None,
+    uavs: Annotated[
+        str | None, typer.Option("--uavs", metavar="N|A-B", help="Trained for.", show_default=False)
+    ] = None,
+    vehicles: Annotated[
+        str | None, typer.Option("--vehicles", metavar="N|A-B", help="Trained for.", show_default=False)
+    ] = None,
+    ratio: Annotated[
+        str | None, typer.Option("--ratio", metavar="R|A-B", help="Zone side over range.", show_default=False)
+    ] = None,
+    uav_step: Annotated[
+        str | None, typer.Option("--uav-step", metavar="S|A-B", help="A move [zone sides].", show_default=False)
+    ] = None,
+    steps: Annotated[
+        int | None, typer.Option("--steps", min=1, help="Of a team in training.", show_default=False)
+    ] = None,
+    limits: Annotated[
+        str | None, typer.Option("--limits", help="In words: where it should not fly.", show_default=False)
+    ] = None,
+    maps: Annotated[
+        str, typer.Option("--maps", help="Beside the six: some of obstacles, energy, range, outlook, by comma.")
+    ] = "",
+    zoom: Annotated[int, typer.Option("--zoom", min=2, max=3, help="Of the full maps over n.")] = 2,
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that is already there.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Make a policy of a network from elsewhere: put its card in, and try it.
+
+    On a terminal what was left out is asked for; elsewhere all of it is named at once. For example:
+
+      skyrelay models wrap net.onnx --out policy.onnx --name mine --uavs 2-4 --vehicles 5-20 --ratio 2 --uav-step 0.05
+      --steps 200000 --limits "open ground"
+    """
+    from skyrelay.core.files import atomic_path
+    from skyrelay.policy.wrap import maps_of, shape_of
+    from skyrelay.policy.wrap import wrap as wrapped
+
+    if out.is_dir() or (out.exists() and not force):
+        raise UsageError(f"--out {out}", None, "a file that is not there yet, or --force")
+    content = _content(network)
+    count, _ = shape_of(content, str(network))
+    names = maps_of([option.strip() for option in maps.split(",") if option.strip()], count)
+    typed = {
+        "--name": name,
+        "--uavs": uavs,
+        "--vehicles": vehicles,
+        "--ratio": ratio,
+        "--uav-step": uav_step,
+        "--steps": None if steps is None else str(steps),
+        "--limits": limits,
+    }
+    told = _asked_for(typed)
+    fields = {
+        "name": told["--name"],
+        "uavs": span("--uavs", told["--uavs"], 65535),
+        "vehicles": span("--vehicles", told["--vehicles"], 65535),
+        "ratio": _between("--ratio", told["--ratio"]),
+        "uav_step": _between("--uav-step", told["--uav-step"]),
+        "steps": span("--steps", told["--steps"], 2**53)[0],
+        "limits": told["--limits"],
+        "maps": names,
+        "zoom": zoom,
+    }
+    policy = wrapped(content, fields, str(network))
+    with atomic_path(out) as beside:
+        beside.write_bytes(policy)
+    print_result({"file": str(out), "bytes": len(policy), "cid": str(cid_of(policy))}, as_json)
+
+
+def _content(path: Path) -> bytes:
+    from skyrelay.policy.runtime import MAX_BYTES
+
+    if not path.is_file():
+        raise UsageError(f"models wrap {path}", None, "a file that is there")
+    with path.open("rb") as file:
+        return file.read(MAX_BYTES + 1)
+
+
+def _asked_for(typed: dict[str, str | None]) -> dict[str, str]:
+    """What was typed, and on a terminal what was left out, once it is asked for.
+
+    Raises:
+        UsageError: nobody can be asked; all that is missing is named.
+    """
+    lacking = [option for option, value in typed.items() if value is None]
+    if lacking and not (sys.stdin.isatty() and sys.stderr.isatty()):
+        raise UsageError("models wrap", f"without {', '.join(lacking)}", "what the card has to say")
+    return {
+        option: value if value is not None else typer.prompt(f"{option} ({ASKED[option]})", err=True)
+        for option, value in typed.items()
+    }
+
+
+def _between(option: str, text: str) -> tuple[float, float]:
+    """Two numbers from ``"2"`` or ``"1.5-3"``."""
+    low, dash, high = text.partition("-")
+    try:
+        bounds = float(low), float(high) if dash else float(low)
+    except ValueError:
+        bounds = (0.0, 0.0)
+    if not 0.0 < bounds[0] <= bounds[1] < math.inf:
+        raise UsageError(option, text, "a number above 0, or a range such as 1.5-3")
+    return bounds
 
 
 @app.command("list")

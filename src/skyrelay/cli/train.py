@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import shlex
 import sys
+import time
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from skyrelay.cli.options import Json, print_result, span
+from skyrelay.cli.options import Json, named_code, print_result, span
 from skyrelay.core.errors import UsageError
 
 
@@ -42,6 +43,21 @@ def command(
             "--seeds", min=1, max=256, help="Train so many seeds side by side, each into a folder of its own."
         ),
     ] = 1,
+    reward: Annotated[
+        str | None,
+        typer.Option(
+            "--reward", metavar="MODULE:FUNCTION", help="Learn for this reward.", show_default="Eq. 3, shaped"
+        ),
+    ] = None,
+    network: Annotated[
+        str | None,
+        typer.Option(
+            "--network",
+            metavar="MODULE:FUNCTION",
+            help="From the preset's Architecture to another.",
+            show_default=False,
+        ),
+    ] = None,
     name: Annotated[str | None, typer.Option("--name", help="Of the policy, in its card.", show_default=False)] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the folder's checkpoint.")] = False,
     tensorboard: Annotated[bool, typer.Option("--tensorboard", help="Also write TensorBoard event files.")] = False,
@@ -54,6 +70,7 @@ def command(
       skyrelay train --uavs 3 --vehicles 20 --seed 1 --out policy
       skyrelay train --games obstacles --uavs 2-4 --vehicles 5-20 --out obstacles
       skyrelay train --preset generalist --games varied --uavs 1-8 --vehicles 1-40 --out generalist --resume
+      skyrelay train --reward mine:reward --network mine:wider --out mine
       skyrelay train --paper-maps --steps 200000 --seeds 5 --out curves
     """
     for option, value, choices in (
@@ -64,15 +81,25 @@ def command(
             raise UsageError(option, value, "one of: " + ", ".join(choices))
     team, traffic = span("--uavs", uavs, 16), span("--vehicles", vehicles, 255)
 
-    if seeds > 1 and (resume or tensorboard):
-        raise UsageError("--seeds", seeds, "1 beside --resume or --tensorboard")
+    if seeds > 1 and (resume or tensorboard or reward):
+        raise UsageError("--seeds", seeds, "1 beside --resume, --tensorboard or --reward")
+    named_code(reward)
+    named_code(network)
 
     from skyrelay.cli.training_progress import TrainingProgress
+    from skyrelay.core import plugins
     from skyrelay.core.folders import sole_writer
-    from skyrelay.learning.presets import training
+    from skyrelay.learning.ppo import EACH, OwnReward
+    from skyrelay.learning.presets import training, with_network
     from skyrelay.learning.training import estimate, train, train_side_by_side
 
     config = training(preset, team, traffic, steps=steps, seed=seed, games=games, paper_maps=paper_maps)  # type: ignore[arg-type]
+    if network is not None:
+        config = with_network(config, network, plugins.load("skyrelay.networks", network, {}, "--network"))
+    decider = EACH
+    if reward is not None:
+        decider = OwnReward(reward, plugins.load("skyrelay.rewards", reward, {}, "--reward"))
+    begin = time.monotonic()
     line = shlex.join(["skyrelay", "train", *_arguments(sys.argv)])
     with sole_writer(out), TrainingProgress() as progress:
         if preset == "paper":
@@ -84,9 +111,17 @@ def command(
             outcome, how = _outcomes(results, out), f"each by itself: --resume --seed N --out {out}/seed-N"
         else:
             result = train(
-                config, out, resume=resume, report=progress, name=name, command=line, tensorboard=tensorboard
+                config,
+                out,
+                resume=resume,
+                report=progress,
+                name=name,
+                command=line,
+                tensorboard=tensorboard,
+                decider=decider,
             )
             outcome, how = _outcome(result, out), f"--resume --out {out}"
+    outcome["seconds_in_all"] = round(time.monotonic() - begin, 3)
     print_result(outcome, as_json)
     if not outcome["finished"]:
         typer.echo(f"skyrelay: interrupted; go on with {how}", err=True)

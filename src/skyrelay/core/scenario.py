@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 import tomllib
@@ -114,8 +115,10 @@ class _Section(BaseModel):
 class Mobility(_Section):
     """Where the vehicles are."""
 
-    source: Literal["trace", "manhattan", "random-waypoint"] = Field(
-        "trace", description="replay of floating-car data, or a synthetic model"
+    source: Text = Field(
+        "trace",
+        description="trace: replay of floating-car data; manhattan, random-waypoint: a synthetic model; or on the "
+        "command line module:function",
     )
     trace: Text = Field("bologna", description="a built-in trace, or a Parquet, CSV or XML file")
     penetration: Annotated[Real, Field(gt=0, le=1)] = Field(0.2, description="share of the trace's vehicles connected")
@@ -141,6 +144,16 @@ class Mobility(_Section):
     )
     speed: SpeedBounds = Field((4.5, 15.0), description="synthetic models: vehicle speed, uniform between [m/s]")
     turn_probability: Share = Field(0.5, description="manhattan: probability of a turn at a step")
+
+    @field_validator("source")
+    @classmethod
+    def _known(cls, source: str) -> str:
+        own = ("trace", "manhattan", "random-waypoint")
+        if source not in own and not plugins.is_code(source) and source not in plugins.installed("skyrelay.mobility"):
+            close = difflib.get_close_matches(source, own, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else "or on the command line module:function"
+            raise ValueError(f"one of {', '.join(own)} ({hint})")
+        return source
 
 
 class Zones(_Section):
@@ -397,7 +410,7 @@ class Scenario(_Section):
         mobility = tree.get("mobility", {})
         told = dict(mobility) if isinstance(mobility, dict | Mobility) else {}
         source = told.get("source", "trace")
-        name = Path(str(told.get("trace", "bologna"))).stem if source == "trace" else source
+        name = Path(str(told.get("trace", "bologna"))).stem if source == "trace" else str(source).rpartition(":")[2]
         return tree | {"name": name} if _fits_a_name(name) else tree
 
     @model_validator(mode="after")

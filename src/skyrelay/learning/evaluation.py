@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -120,6 +120,29 @@ def evaluate_policy(policy: Policy, games: game.State, traces: game.Trace | None
 def policy_episodes(policy: Policy, games: game.State, traces: game.Trace | None = None) -> Float[Array, "4 episodes"]:
     """The same, episode by episode, so that two policies can be compared on the same games."""
     return per_episode(policy_scores(policy, games, traces))
+
+
+def flight(policy: Policy, games: game.State, traces: game.Trace | None = None) -> Iterator[game.State]:
+    """The states of the first game as a policy flies it, the start first."""
+    wants = set(policy.card.maps)
+    shape = replace(games.shape, tells_range=set(RANGE_MAPS) <= wants, outlook=set(OUTLOOK_MAPS) <= wants)
+    state: game.State = replace(jax.tree.map(lambda leaf: leaf[0], games), shape=shape)
+    trace = None if traces is None else game.Trace(*(leaf[0] for leaf in traces))
+
+    @jax.jit
+    def look(state: game.State) -> Float[Array, "uavs maps n n"]:
+        maps: Float[Array, "uavs maps n n"] = normalise(game.observe(state), shape.zoom, shape.maps)
+        return maps
+
+    @jax.jit
+    def step(state: game.State, actions: Int[Array, " uavs"]) -> game.State:
+        return game.step(state, actions, trace)[0]
+
+    yield state
+    for _ in range(shape.steps):
+        actions = policy.decide(chosen(np.asarray(look(state)), shape.maps, policy.card.maps))
+        state = step(state, jnp.asarray(actions))
+        yield state
 
 
 def policy_scores(policy: Policy, games: game.State, traces: game.Trace | None = None) -> Score:

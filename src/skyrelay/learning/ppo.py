@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import abc
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any, NamedTuple
@@ -28,6 +29,8 @@ from skyrelay.airspace.maps import PAPER_MAPS, normalise
 from skyrelay.coordination import game
 from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape
+from skyrelay.core import plugins
+from skyrelay.core.errors import TrainingError
 from skyrelay.learning.gae import advantages
 from skyrelay.learning.networks import Architecture, Network
 from skyrelay.learning.networks import actor as new_actor
@@ -246,6 +249,44 @@ class Each(Decider):
 
 
 EACH = Each()
+
+
+@dataclass(frozen=True)
+class OwnReward(Each):
+    """Every UAV decides for itself, for a reward of one's own; tests and evaluation stay with Eq. 3.
+
+    Attributes:
+        name: of the reward, in the record of the training.
+        function: from the games before and after a step (a leading axis of games) and the score after it to the reward
+            of each UAV [games, uavs], or of each team [games]; traced by JAX.
+    """
+
+    name: str
+    function: Callable[[game.State, game.State, Score], Array]
+
+    def reward(
+        self,
+        games: game.State,
+        moved: game.State,
+        score: Score,
+        config: Hyperparameters,
+        shaping: float | Float[Array, ""],
+    ) -> Float[Array, "games uavs"]:
+        """What the function says, and the shaping where the preset has it.
+
+        Raises:
+            TrainingError: the function raises, or answers with another shape.
+        """
+        place = f"reward {self.name}"
+        try:
+            reward = jnp.asarray(self.function(games, moved, score), jnp.float32)
+        except Exception as error:  # own code may raise anything
+            raise TrainingError(place, None, f"a reward of each UAV ({plugins.fault(error)})") from error
+        count = games.active.shape
+        if reward.shape not in {count, count[:1]}:
+            raise TrainingError(place, f"of shape {reward.shape}", f"{count}, or {count[:1]} for whole teams")
+        reward = jnp.broadcast_to(reward if reward.ndim == 2 else reward[:, None], count)
+        return reward + shaping * potential_change(games, moved, config) if config.shaping else reward
 
 
 def potential_change(games: game.State, moved: game.State, config: Hyperparameters) -> Float[Array, "games uavs"]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
 from skyrelay.coordination.energy import Batteries
 from skyrelay.coordination.obstacles import Cities
 from skyrelay.coordination.settings import Domain, Shape, physical, varied
-from skyrelay.core.errors import UsageError
-from skyrelay.learning.networks import FAST, GENERALIST, GENERALIST_CRITIC, PAPER
+from skyrelay.core import plugins
+from skyrelay.core.errors import TrainingError, UsageError
+from skyrelay.learning.networks import FAST, GENERALIST, GENERALIST_CRITIC, PAPER, Architecture
 from skyrelay.learning.ppo import Hyperparameters
 
 PresetName = Literal["fast", "generalist", "paper"]
@@ -99,6 +101,27 @@ _GENERALIST = replace(
 _PAPER = Hyperparameters(
     actor=PAPER, critic=PAPER, games=40, horizon=100, epochs=20, minibatches=24, learning_rate=3e-4, anneal=False
 )
+
+
+def with_network(config: Training, name: str, change: Callable[[Architecture], Architecture]) -> Training:
+    """The training with networks of one's own: what ``change`` makes of the preset's architectures.
+
+    Raises:
+        TrainingError: it raises, makes no architecture, or one that looks at other maps.
+    """
+    place, made = f"network {name}", []
+    for before in (config.hyperparameters.actor, config.hyperparameters.critic):
+        try:
+            after = change(before)
+        except Exception as error:  # own code may raise anything
+            raise TrainingError(place, None, f"an Architecture ({plugins.fault(error)})") from error
+        if not isinstance(after, Architecture):
+            raise TrainingError(place, type(after).__name__, "an Architecture")
+        if (after.n, after.maps) != (before.n, before.maps):
+            raise TrainingError(place, f"n = {after.n} and {len(after.maps)} maps", "the games' own n and maps")
+        made.append(after)
+    actor, critic = made
+    return replace(config, hyperparameters=replace(config.hyperparameters, actor=actor, critic=critic))
 
 
 def training(

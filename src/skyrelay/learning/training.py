@@ -35,7 +35,7 @@ from skyrelay.learning import checkpoint
 from skyrelay.learning.evaluation import UNSEEN, greedy_episodes, named, summary
 from skyrelay.learning.networks import Network
 from skyrelay.learning.onnx import export
-from skyrelay.learning.ppo import EACH, Decider, Learner, update
+from skyrelay.learning.ppo import EACH, Decider, Each, Learner, OwnReward, update
 from skyrelay.learning.presets import Training
 from skyrelay.policy.card import Card, Evaluation
 
@@ -93,6 +93,7 @@ def train(
     command: str = "skyrelay.learning.train",
     evaluation_episodes: int = 200,
     tensorboard: bool = False,
+    decider: Each = EACH,
 ) -> Trained:
     """Train, test, keep curves and checkpoints, and export the policy.
 
@@ -105,11 +106,20 @@ def train(
         command: told in the model card.
         evaluation_episodes: unseen episodes that the finished policy is evaluated on.
         tensorboard: also write event files to ``out/tensorboard``.
+        decider: what for; `skyrelay.learning.ppo.OwnReward` for a reward of one's own.
     Raises:
         TrainingError: a number was not finite, the folder already holds a training, or the checkpoint is of another.
     """
     return _train(
-        [config], [out], resume, report, [name or default_name(config)], command, evaluation_episodes, tensorboard
+        [config],
+        [out],
+        resume,
+        report,
+        [name or default_name(config)],
+        command,
+        evaluation_episodes,
+        tensorboard,
+        decider,
     )[0]
 
 
@@ -149,16 +159,19 @@ def _train(
     command: str,
     evaluation_episodes: int,
     tensorboard: bool,
+    decider: Each = EACH,
 ) -> list[Trained]:
     """Trainings that differ in nothing but their seeds, each into its folder."""
     config = configs[0]
     identities = [json.loads(json.dumps(dataclasses.asdict(one))) for one in configs]
+    if isinstance(decider, OwnReward):
+        identities = [one | {"reward": decider.name} for one in identities]
     for folder in folders:
         if (folder / "checkpoint.npz").exists() and not resume:
             raise TrainingError(folder, "a folder with a checkpoint", "another --out, or --resume to go on with it")
     report(Report("compiling", 0, config.updates, 0, 0.0))
     started = time.perf_counter()
-    course = Course(config, [one.seed for one in configs])
+    course = Course(config, [one.seed for one in configs], decider)
     if resume:
         course.resume(folders, identities)
     compile_seconds = time.perf_counter() - started

@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
 
 import numpy as np
 
+from skyrelay.core import plugins
 from skyrelay.core.entities import FloatArray
-from skyrelay.core.errors import TraceError
+from skyrelay.core.errors import SkyRelayError, TraceError
 from skyrelay.core.scenario import Mobility, Scenario
 from skyrelay.mobility.synthetic import manhattan, random_waypoint
 from skyrelay.mobility.trace import DEFAULTS, FASTEST, Trace, read_trace
 
+SYNTHETIC = {"manhattan": manhattan, "random-waypoint": random_waypoint}
+GROUP = "skyrelay.mobility"
+"""Of entry points."""
+MOST = 1_000_000
+"""Vehicles of an own model."""
+Model = Callable[[FloatArray, Mobility, np.random.Generator], tuple[Sequence[str], FloatArray, FloatArray]]
+"""An own model: from the times of the steps [S+1] [s], the settings and a generator (of the scenario's seed) to the
+vehicles' ids [V] and their x and y [S+1, V] [m] from 0 to `mobility.area`, NaN where a vehicle is not there."""
 MICROSECONDS = 1_000_000
 """Times are compared in whole microseconds, so that a tenth of a second is what it is."""
 
@@ -73,11 +83,51 @@ def load_tracks(scenario: Scenario) -> Tracks:
             )
             raise TraceError("mobility.penetration", mobility.penetration, expected)
         return tracks
-    model = manhattan if mobility.source == "manhattan" else random_waypoint
-    x, y = model(mobility, flight.steps, flight.step_seconds, random)
+    if mobility.source not in SYNTHETIC:
+        return _own(scenario)
+    x, y = SYNTHETIC[mobility.source](mobility, flight.steps, flight.step_seconds, random)
     width = len(str(mobility.vehicles))
     ids = tuple(f"v{number:0{width}d}" for number in range(1, mobility.vehicles + 1))
     return Tracks(ids, x, y, (0.0, 0.0, mobility.area, mobility.area))
+
+
+def _own(scenario: Scenario) -> Tracks:
+    """The vehicles of an own model.
+
+    Raises:
+        UsageError: there is no model of that name, or it cannot be loaded.
+        TraceError: it raises, or answers with something else than `Model` says.
+    """
+    mobility, flight = scenario.mobility, scenario.coordination
+    model = plugins.load(GROUP, mobility.source, {}, "mobility.source", ["trace", *SYNTHETIC])
+    place = f"mobility {mobility.source}"
+    if not callable(model):
+        raise TraceError(place, type(model).__name__, "a function of times, the settings and a generator")
+    times = flight.step_seconds * np.arange(flight.steps + 1)
+    try:
+        ids, x, y = model(times, mobility, np.random.default_rng([scenario.seed, 1]))
+        names = tuple(str(name) for name in ids)
+        x, y = (np.array(axis, dtype=np.float64) for axis in (x, y))
+    except SkyRelayError:
+        raise
+    except Exception as error:  # own code may raise anything
+        raise TraceError(place, None, f"ids, x and y ({plugins.fault(error)})") from error
+    if len(set(names)) != len(names) or not 1 <= len(names) <= MOST:
+        raise TraceError(
+            f"{place}: ids", f"{len(names)}, {len(set(names))} of them distinct", f"1 to {MOST:,}, distinct"
+        )
+    for name, axis in (("x", x), ("y", y)):
+        if axis.shape != (len(times), len(names)):
+            raise TraceError(f"{place}: {name}", f"of shape {axis.shape}", f"[{len(times)}, {len(names)}]")
+    there = np.isfinite(x)
+    inside = (x >= 0.0) & (x <= mobility.area) & (y >= 0.0) & (y <= mobility.area)
+    if (there != np.isfinite(y)).any() or np.isinf(x).any() or np.isinf(y).any() or not inside[there].all():
+        raise TraceError(
+            place, None, f"positions from 0 to mobility.area, {mobility.area:g} m; NaN for both where absent"
+        )
+    if not there.any():
+        raise TraceError(place, None, "at least one vehicle that is there")
+    return Tracks(names, x, y, (0.0, 0.0, mobility.area, mobility.area))
 
 
 def replay(trace: Trace, times: FloatArray, connected: np.ndarray, max_gap: float = DEFAULTS.max_gap) -> Tracks:

@@ -183,11 +183,17 @@ def _card(session: onnxruntime.InferenceSession, place: str) -> Card:
     try:
         return Card.model_validate_json(text)
     except ValidationError as error:
-        fault = error.errors()[0]
-        key = ".".join(map(str, fault["loc"]))
-        raise ModelError(
-            f"{place}: card: {key}", fault["input"], fault["msg"].removeprefix("Input should be ")
-        ) from None
+        raise card_error(error, f"{place}: card") from None
+
+
+def card_error(error: ValidationError, place: str) -> ModelError:
+    """What is wrong with a card: all fields that are missing at once, or else the first that does not fit."""
+    lacking = [".".join(map(str, fault["loc"])) for fault in error.errors() if fault["type"] == "missing"]
+    if lacking:
+        return ModelError(place, f"without {', '.join(lacking)}", "every field of docs/reference/policies.md")
+    fault = error.errors()[0]
+    key = ".".join(map(str, fault["loc"]))
+    return ModelError(f"{place}: {key}", fault["input"], fault["msg"].removeprefix("Input should be "))
 
 
 def _check(session: onnxruntime.InferenceSession, card: Card, place: str) -> None:
