@@ -1,4 +1,4 @@
-"""What each part of the fleet's behaviour adds to the traffic in range, in whole runs; 95 % intervals over seeds.
+"""What each part of the fleet's behaviour adds to the traffic carried, in whole runs; 95 % intervals over seeds.
 
 python benchmarks/fleet.py --seeds 10
 python benchmarks/fleet.py --seeds 3 --set mobility.source=manhattan --set mobility.area=4000
@@ -55,17 +55,20 @@ def main() -> None:
                 scenario = load_scenario("bologna", [*args.overrides, *PARTS[name]], seed)
                 runs[name].append(play(scenario, Path(folder), Silent()))
     rows = []
+    first = np.array([summary["carried_mbps"] for summary in runs[names[0]]])
     for name, summaries in runs.items():
         flying, hovering, gas = (
             np.array([summary[key] for summary in summaries], dtype=float)
-            for key in ("served_mbps", "static_served_mbps", "gas_used")
+            for key in ("carried_mbps", "static_carried_mbps", "gas_used")
         )
         rows.append(
             {
                 "part": name,
-                "served_mbps": interval(flying),
+                "over_first": interval(flying / first),
+                "carried_mbps": interval(flying),
                 "over_hovering": interval(flying / hovering),
                 "gas_millions": interval(gas / 1e6),
+                "seeds": flying.round(1).tolist(),
                 "connectivity": interval(np.array([summary["connectivity"] for summary in summaries])),
             }
         )

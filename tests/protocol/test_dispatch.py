@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from skyrelay.chain.abi import Event
 from skyrelay.core.zones import ZoneGrid
-from skyrelay.protocol.dispatch import LEAST_GAIN, plan
+from skyrelay.protocol.dispatch import LEAST_GAIN, Books, plan
 
 GRID = ZoneGrid(0.0, 0.0, 100.0, 3, 1)
 
@@ -44,3 +45,29 @@ def test_every_move_is_worth_its_gain(count, seed):
     moved = int((stations != zone).sum())
     assert held(asked, stations, bandwidth) - held(asked, zone, bandwidth) >= moved * LEAST_GAIN * 2500.0 - 1e-6
     assert (abs(stations - zone) <= 1).all()
+
+
+def told(books, name, **args):
+    books.hear(Event(name, args, 0, 0, 0))
+
+
+def test_the_plan_stays_until_all_have_gone():
+    books = Books()
+    for uav, x in (("a", 10), ("b", 900)):
+        told(books, "UAVRegistered", uav=uav, x=x, y=500, bandwidth=10000)
+        told(books, "UAVZoneUpdated", uav=uav, **{"from": 0, "to": 1})
+    told(books, "VehSelectionSubmitted", vehicle="v", demand=3000)
+    told(books, "VehicleUpdated", vehicle="v", zone=2)
+    assert books.moves(GRID, 10.0) == {"b": 2}
+    told(books, "UAVZoneUpdated", uav="b", **{"from": 1, "to": 2})
+    assert books.moves(GRID, 10.0) == {"b": 2}
+    told(books, "VehSelectionSubmitted", vehicle="v", demand=3000)
+    assert books.moves(GRID, 10.0) == {}
+
+
+def test_nobody_moves_before_anything_was_asked_for():
+    books = Books()
+    told(books, "UAVRegistered", uav="a", x=10, y=500, bandwidth=10000)
+    told(books, "UAVZoneUpdated", uav="a", **{"from": 0, "to": 1})
+    told(books, "VehicleRegistered", vehicle="v", zone=2)
+    assert books.moves(GRID, 10.0) == {}

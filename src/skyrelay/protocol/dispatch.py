@@ -20,6 +20,8 @@ LEAST_GAIN = 0.8
 FLIGHT_COST = 0.04
 """Likewise of each step that the UAV flies to the zone: of equals the nearest goes."""
 
+_OF_A_MOVE = frozenset({"UAVZoneUpdated", "UAVSubmissionReset", "ZoneOpened"})
+
 
 @dataclass
 class Books:
@@ -29,6 +31,8 @@ class Books:
         zone_of: zone by vehicle, of those that have reported since the last period ended.
         demand_of: [kbit/s] by vehicle, of those that ever proposed.
         uav_zone, uav_bandwidth, uav_place: by UAV; zone 0 has left; [kbit/s]; [m].
+        moving: zones that UAVs have changed to since anything else happened. They count once it does, so that a host
+            that works out the plan after the first have gone works out the same one.
     """
 
     zone_of: dict[str, int] = field(default_factory=dict)
@@ -37,9 +41,14 @@ class Books:
     uav_bandwidth: dict[str, int] = field(default_factory=dict)
     uav_place: dict[str, tuple[float, float]] = field(default_factory=dict)
 
+    moving: dict[str, int] = field(default_factory=dict)
+
     def hear(self, event: Event) -> None:
         """Note an event."""
         args = event.args
+        if event.name not in _OF_A_MOVE:
+            self.uav_zone |= self.moving
+            self.moving.clear()
         match event.name:
             case "ZoneListsReset":
                 self.zone_of.clear()
@@ -51,7 +60,7 @@ class Books:
                 self.uav_bandwidth[args["uav"]] = args["bandwidth"]
                 self.uav_place[args["uav"]] = (args["x"] / DECIMETRES, args["y"] / DECIMETRES)
             case "UAVZoneUpdated":
-                self.uav_zone[args["uav"]] = args["to"]
+                self.moving[args["uav"]] = args["to"]
 
     def moves(self, grid: ZoneGrid, stride: float) -> dict[str, int]:
         """The zone that each UAV goes to that is not to stay.
