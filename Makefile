@@ -9,7 +9,7 @@ INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --progress-b
 PYTEST := $(BIN)/python -m pytest
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-failed check test-browser test-evm test-gpsd test-contracts test-nodes test-hosts test-sumo test-peers test-all nodes peers bench docs docs-pictures release-check clean
+.PHONY: help setup run test test-failed check test-browser test-evm test-gpsd test-contracts test-nodes test-hosts test-sumo test-peers test-all nodes peers bench docs docs-notebooks docs-pictures release-check clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -122,6 +122,9 @@ bench: $(READY) ## every benchmark, one after the other; figures and JSON
 docs: $(READY) ## build the documentation into site/; broken links and undocumented public names fail
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 	@echo "site/index.html; with the search: $(BIN)/mkdocs serve"
+
+docs-notebooks: $(READY) ## execute the notebooks of the docs and keep what they show (2 minutes)
+	$(BIN)/python tools/site/notebooks.py
 
 docs-pictures: $(READY) ## draw the pictures of the docs again: maps, outlook, sequence, deployment, animation (2 minutes)
 	$(BIN)/python tools/site/pictures.py
