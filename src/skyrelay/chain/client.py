@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 from typing import Any
 
@@ -424,11 +424,16 @@ class IovClient:
         """`acceptDefaultAdminTransfer`: the sender, announced the delay before, is administrator from now on."""
         return self._call(sender, "acceptDefaultAdminTransfer")
 
-    def set_reputations(self, sender: str, reputations: Mapping[str, float]) -> Call:
-        """`setReputations` of members [0-100]."""
+    def set_reputations(self, sender: str, reputations: Mapping[str, float], evidence: bytes = b"") -> Call:
+        """`setReputations` of members [0-100].
+
+        Args:
+            evidence: the hash of what speaks for it; stands in the transaction behind the arguments.
+        """
         values = [round(value * HUNDREDTHS) for value in reputations.values()]
         gas = DEFAULT_GAS + 60_000 * len(values)
-        return self._call(sender, "setReputations", list(reputations), values, gas=gas)
+        call = self._call(sender, "setReputations", list(reputations), values, gas=gas)
+        return replace(call, data=call.data + evidence)
 
     def rate_uav(self, sender: str, uav: str, good: bool) -> Call:
         """`rateUAV`: the sender rates the UAV that served it in its last finished session."""

@@ -11,7 +11,7 @@ from eth_hash.auto import keccak
 
 from skyrelay.chain.evm.frame import STOPPED, Frame, Halt
 from skyrelay.chain.evm.gas import account, charge, intrinsic_gas, touch
-from skyrelay.chain.evm.precompiles import precompiled
+from skyrelay.chain.evm.precompiles import PAIRING, precompiled
 from skyrelay.chain.evm.state import NO_CODE, BlockContext, Changes, Log, Transaction, WorldState, code_of
 from skyrelay.chain.evm.words import ADDRESS
 from skyrelay.core.errors import ChainError
@@ -170,7 +170,9 @@ def _call_frame(
     if moves_value:
         tx.transfer(caller, address, value)
     if 1 <= code_address <= 9:
-        answer = precompiled(code_address, data, gas)
+        answer = precompiled(code_address, data, gas, tx.pairs)
+        if code_address == PAIRING and not isinstance(answer, str):
+            tx.pairs -= len(data) // 192
         if isinstance(answer, str):
             tx.undo(mark[0])
             return False, 0, b"", answer

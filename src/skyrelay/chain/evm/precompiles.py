@@ -5,14 +5,30 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 
+from skyrelay.chain.evm import alt_bn128
 from skyrelay.chain.evm.words import call_data_load
 
+PAIRING = 8
 
-def precompiled(address: int, data: bytes, gas: int) -> tuple[int, bytes] | str:
-    """What a precompiled contract costs and gives, or why the call of it ends exceptionally."""
+
+def precompiled(address: int, data: bytes, gas: int, pairs: int) -> tuple[int, bytes] | str:
+    """What a precompiled contract costs and gives, or why the call of it ends exceptionally.
+
+    Args:
+        pairs: that a pairing may still ask for.
+    """
     words = (len(data) + 31) >> 5
     if address == 5:
         cost, output = _mod_exp(data, gas)
+    elif address in _ON_A_CURVE:
+        run_curve, base = _ON_A_CURVE[address]
+        cost = base + (alt_bn128.PAIR_GAS * (len(data) // 192) if address == PAIRING else 0)
+        if address == PAIRING and cost <= gas and len(data) // 192 > pairs:
+            return "more pairings than a transaction may ask of this machine"
+        found = run_curve(data) if cost <= gas else b""
+        if found is None:
+            return "no points of the curve"
+        output = found
     elif address in _PRECOMPILED:
         base, per_word, run = _PRECOMPILED[address]
         cost = base + per_word * words
@@ -50,6 +66,12 @@ _PRECOMPILED: dict[int, tuple[int, int, Callable[[bytes], bytes]]] = {
     2: (60, 12, lambda data: hashlib.sha256(data).digest()),
     3: (600, 120, _ripemd160),
     4: (15, 3, lambda data: data),
+}
+
+_ON_A_CURVE: dict[int, tuple[Callable[[bytes], bytes | None], int]] = {
+    6: (alt_bn128.add, alt_bn128.ADD_GAS),
+    7: (alt_bn128.multiply, alt_bn128.MULTIPLY_GAS),
+    PAIRING: (alt_bn128.pairing, alt_bn128.PAIRING_GAS),
 }
 
 

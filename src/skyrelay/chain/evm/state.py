@@ -124,6 +124,10 @@ class Changes:
     accounts: set[int] = field(default_factory=set)
 
 
+MAX_PAIRS = 8
+"""Pairs of points that one transaction may have paired: each takes half a second here, for gas of a millisecond."""
+
+
 class Transaction:
     """One transaction under way: access lists, refunds, logs, and the journal that undoes reverted frames.
 
@@ -133,6 +137,7 @@ class Transaction:
 
     Attributes:
         until: by `time.monotonic`, when it must have ended; None: gas alone bounds it.
+        pairs: points that it may still have paired; see `skyrelay.chain.evm.alt_bn128`.
     """
 
     __slots__ = (
@@ -144,6 +149,7 @@ class Transaction:
         "logs",
         "origin",
         "originals",
+        "pairs",
         "price",
         "refund",
         "state",
@@ -165,6 +171,7 @@ class Transaction:
         self.block = block
         self.origin = origin
         self.price = price
+        self.pairs = MAX_PAIRS
         self.until: float | None = None
         self.access_gas = 0
         self.warm_accounts: dict[int, Any] = dict.fromkeys(range(1, 10), True)
