@@ -7,7 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from skyrelay.chain.node.devnet import Devnet
+from skyrelay.chain.accounts import Keyring
+from skyrelay.chain.client import IovClient, Settings, VehicleRecord
+from skyrelay.chain.node.chain import NodeChain
+from skyrelay.chain.node.devnet import GAS_PER_SECOND, Devnet
+from skyrelay.chain.node.rpc import Endpoints
 from skyrelay.core.errors import ChainError, UsageError
 
 pytestmark = pytest.mark.nodes
@@ -131,3 +135,31 @@ def test_no_node_program_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr("skyrelay.chain.node.devnet.__file__", str(tmp_path / "a" / "b" / "c" / "d" / "e.py"))
     with pytest.raises(ChainError, match=r"node program for qbft: expected GoQuorum on PATH or in \.tools/bin"):
         Devnet.create(tmp_path / "net")
+
+
+def test_a_burst_beyond_a_block_is_mined_block_by_block_and_no_block_is_thrown_away(tmp_path):
+    ring = Keyring(b"b" * 32)
+    with Devnet.create(tmp_path / "net") as network:
+        chain = NodeChain(network.endpoints, ring, chain_id=network.chain_id)
+        client = IovClient.deploy(chain, Settings(), chain.account("administrator"))
+        signed = []
+        for number in range(4_000):
+            sender = ring.account(f"vehicle {number}")
+            call = client.register_vehicle(sender, VehicleRecord(1, 2, 3, 1))
+            signed.append(ring.sign(sender, call.to, call.data, call.gas, 0, chain.chain_id))
+        first = chain.block_number
+        nodes = Endpoints(network.endpoints, network.chain_id, None)
+        replies = nodes.ask([("eth_sendRawTransaction", ["0x" + raw.hex()]) for _, raw in signed], 60.0)
+        assert not [reply for reply in replies if "error" in reply]
+        mined, head, blocks = 0, first, []
+        while mined < len(signed):
+            network.wait_for_blocks()
+            last = chain.block_number
+            blocks += chain.blocks(range(head + 1, last + 1))
+            mined, head = sum(len(block["transactions"]) for block in blocks), last
+            assert len(blocks) < 120, f"{mined} of {len(signed)} after {len(blocks)} blocks"
+    filled = [len(block["transactions"]) for block in blocks]
+    assert all(int(block["gasUsed"], 16) <= GAS_PER_SECOND for block in blocks)
+    busy = filled[next(n for n, count in enumerate(filled) if count) :]
+    assert sum(count > 0 for count in busy) >= 2, "more than one block holds"
+    assert all(any(busy[n : n + 6]) for n in range(len(busy) - 5)), f"no row of empty blocks: {busy}"

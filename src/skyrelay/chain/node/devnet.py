@@ -1,9 +1,9 @@
 """A consortium network on this machine: keys, genesis, configuration and the validators' processes.
 
 QBFT runs on GoQuorum (the paper's chain; final after one block), Clique on go-ethereum 1.13 (the last that has it).
-Gas is free, blocks are long, extra data carries the validators, and everything listens on loopback alone. Nodes keep
-every state on disk (archive): a validator that is killed flushes nothing, and a pruning one would come back without its
-last blocks.
+Gas is free, blocks are as long as two cores execute in a period, extra data carries the validators, and everything
+listens on loopback alone. Nodes keep every state on disk (archive): a validator that is killed flushes nothing, and a
+pruning one would come back without its last blocks.
 """
 
 from __future__ import annotations
@@ -42,8 +42,9 @@ with recursion_limit_kept():  # as in `skyrelay.chain.accounts`
 
 Consensus = Literal["qbft", "clique"]
 
-BLOCK_GAS_LIMIT = 1_000_000_000
-"""More than a validator computes in a block period: blocks stay under half full, so a base fee of 0 stays 0."""
+GAS_PER_SECOND = 150_000_000
+"""Gas of a block for each second of its period. Proposer and validators execute a block one after the other within the
+period; one that two cores cannot execute in it is thrown away and begun anew, for ever while the pool is full."""
 
 _LOOPBACK = "127.0.0.1"
 _QBFT_MIX_HASH = "0x63746963616c2062797a616e74696e65206661756c7420746f6c6572616e6365"
@@ -172,7 +173,9 @@ class Devnet:
                     write_secret(home / "geth" / "nodekey", key.secret.hex())
                     if consensus == "clique":  # it seals with an account, not with the node's key
                         write_keystore(home / "keystore", "validator", key)
-                    write_text(home / "config.toml", tomli_w.dumps(node_config(consensus, node, nodes, chain_id)))
+                    write_text(
+                        home / "config.toml", tomli_w.dumps(node_config(consensus, node, nodes, chain_id, period))
+                    )
                     _initialise(binary, home, root / "genesis.json")
                 state: dict[str, Any] = {"consensus": consensus, "chain_id": chain_id, "period": period}
                 state["validators"] = [asdict(node) for node in nodes]
@@ -426,7 +429,7 @@ def genesis_of(consensus: Consensus, addresses: Sequence[str], chain_id: int, pe
         "config": config,
         "nonce": "0x0",
         "timestamp": "0x0",
-        "gasLimit": hex(BLOCK_GAS_LIMIT),
+        "gasLimit": hex(GAS_PER_SECOND * period),
         "difficulty": "0x1",
         "alloc": {},
     }
@@ -449,17 +452,20 @@ def genesis_of(consensus: Consensus, addresses: Sequence[str], chain_id: int, pe
     return {**genesis, "extraData": "0x" + extra.hex(), "baseFeePerGas": "0x0"}
 
 
-def node_config(consensus: Consensus, node: Validator, nodes: Sequence[Validator], chain_id: int) -> dict[str, Any]:
+def node_config(
+    consensus: Consensus, node: Validator, nodes: Sequence[Validator], chain_id: int, period: int
+) -> dict[str, Any]:
     """A node's configuration file."""
     peers = [peer.enode for peer in nodes if peer is not node]
-    miner: dict[str, Any] = {"GasCeil": BLOCK_GAS_LIMIT}
+    limit = GAS_PER_SECOND * period
+    miner: dict[str, Any] = {"GasCeil": limit}
     host: dict[str, Any] = {
         "HTTPHost": _LOOPBACK,
         "HTTPPort": node.rpc_port,
         "HTTPModules": ["eth", "net", "web3", "istanbul" if consensus == "qbft" else "clique"],
     }
     if consensus == "qbft":
-        miner["GasFloor"] = BLOCK_GAS_LIMIT
+        miner["GasFloor"] = limit
         host["IPCPath"] = ""
     else:
         host |= {"IPCPath": "geth.ipc", "AuthAddr": _LOOPBACK, "AuthPort": node.auth_port}
@@ -468,7 +474,7 @@ def node_config(consensus: Consensus, node: Validator, nodes: Sequence[Validator
             "NetworkId": chain_id,
             "SyncMode": "full",
             "NoPruning": True,
-            "RPCGasCap": BLOCK_GAS_LIMIT,
+            "RPCGasCap": limit,
             "Miner": miner,
             # One coordinator or one load test may have many transactions under way.
             "TxPool": {"AccountSlots": 4096, "GlobalSlots": 16_384, "AccountQueue": 4096, "GlobalQueue": 16_384},

@@ -118,7 +118,9 @@ def write_hosts(directory: Path, file: Path) -> Founded:
             if key is not None:
                 write_secret(home / "geth" / "nodekey", key.secret.hex())
             write_text(home / "genesis.json", json.dumps(genesis, indent=2) + "\n")
-            write_text(home / "config.toml", tomli_w.dumps(node_config("qbft", node, nodes, told.chain_id)))
+            write_text(
+                home / "config.toml", tomli_w.dumps(node_config("qbft", node, nodes, told.chain_id, told.period))
+            )
             write_text(home / "start.sh", _START)
             (home / "start.sh").chmod(0o755)
             write_text(home / "skyrelay-validator.service", _UNIT.format(name=host.name, folder=_PLACE))
