@@ -53,6 +53,7 @@ def test_a_signed_policy_says_who_made_it_how_and_till_when_and_flies(keys, sign
         (lambda _, __: CONTENT, "without a signature"),
         (lambda signed, _: signed + b"\x08\x07", "without a signature"),  # a field behind it is none of what was signed
         (lambda signed, _: signed[:-1], "protobuf cannot be read"),
+        (lambda _, __: b"\x08\x01" * 1_000_000, "protobuf cannot be read"),  # a second of looking at each, or more
         (lambda signed, _: b"\x08\x07" + signed, "of other bytes"),
         (lambda signed, _: signed.replace(b"skyrelay.card", b"skyrelay.cart", 1), "of other bytes"),
         (lambda signed, _: signed.replace(b"sigstore", b"sigstars"), "two bundles that"),

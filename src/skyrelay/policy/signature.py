@@ -32,6 +32,8 @@ ENTRY = "skyrelay.signature"
 """Name of the metadata entry."""
 MAX_ENTRY = 1 << 20
 MAX_KEY_FILE = 1 << 16
+MAX_FIELDS = 10_000
+"""Of the file's outermost message; a policy has about ten."""
 MAX_VALIDITY = timedelta(days=3660)
 SKEW = timedelta(minutes=5)
 """By how much the signer's clock may be ahead of ours."""
@@ -158,10 +160,12 @@ def split(content: bytes, place: str) -> tuple[bytes, bytes | None]:
     Raises:
         ModelError: the protocol buffer cannot be read.
     """
-    start = at = 0
+    start = at = fields = 0
     try:
         while at < len(content):
-            start = at
+            start, fields = at, fields + 1
+            if fields > MAX_FIELDS:
+                raise ValueError  # noqa: TRY301
             tag, at = _varint(content, at)
             kind = tag & 7
             if kind == 2:

@@ -76,6 +76,7 @@ def subprocess_run():
         ("host = 3", "host: is 3; expected a valid list"),
         (host("alpha", "example.org"), "host.0.address: is 'example.org'; expected an IP address"),
         (host("alpha", "0.0.0.0"), "expected the address of one host"),  # noqa: S104
+        (host("alpha", "fe80::1%eth0"), "expected the address of one host"),
         (host("../alpha", "192.0.2.1"), "host.0.name"),
         (host("alpha", "192.0.2.1") * 2, "name: is 'alpha'; expected each host's own"),
         (host("alpha", "192.0.2.1") + host("beta", "192.0.2.1"), "address and p2p_port"),

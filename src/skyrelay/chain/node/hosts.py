@@ -48,7 +48,7 @@ class Host(BaseModel):
             one = ipaddress.ip_address(text)
         except ValueError:
             raise ValueError("an IP address (nodes do not look names up)") from None
-        if one.is_unspecified or one.is_multicast:
+        if one.is_unspecified or one.is_multicast or "%" in text:
             raise ValueError("the address of one host")
         return str(one)
 
