@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -222,6 +223,8 @@ def test_a_member_is_followed_by_a_click(opened: webdriver.Chrome) -> None:
     wait(opened, lambda d: d.find_element(By.ID, "member").is_displayed())
     name = opened.find_element(By.ID, "member-name").text
     assert opened.find_element(By.ID, "event-member").get_property("value") == name
+    facts = opened.find_element(By.ID, "member-facts").text
+    assert re.search(r"asks for [1-4]\.\d\d Mbit/s: \d\.\d\d carried, \d\.\d\d delivered", facts), facts
     assert shown_events(opened) >= 1
     assert len(opened.find_elements(By.CSS_SELECTOR, "#member-history svg path")) == 2
     assert opened.find_elements(By.CSS_SELECTOR, "#member-selections li")

@@ -187,7 +187,7 @@ def test_the_charts_tell_the_figures_of_the_summary(recorded: Path) -> None:
     for draw, names in (
         (figures._coverage, ["coverage", "static_coverage"]),
         (figures._connectivity, ["connectivity", "connectivity_neighbor", "static_connectivity"]),
-        (figures._bandwidth, ["served_mbps", "static_served_mbps"]),
+        (figures._bandwidth, ["carried_mbps", "delivered_mbps", "static_carried_mbps"]),
     ):
         axes = figure.subplots()
         draw(run, axes)
@@ -201,6 +201,20 @@ def test_the_charts_tell_the_figures_of_the_summary(recorded: Path) -> None:
     axes = figure.subplots()
     figures._selection(run, axes)
     assert axes.get_ylabel()
+
+
+def test_the_page_has_what_each_vehicle_asks_for_and_gets(recorded: Path) -> None:
+    run = read_run(recorded)
+    header, arrays = decode(encode(run))
+    rows = {(row["step"], row["vehicle"]): row for row in pq.read_table(recorded / "vehicles.parquet").to_pylist()}
+    told = zip(arrays["vehicle_step"].tolist(), arrays["vehicle"].tolist(), strict=True)
+    names = ("demand", "carried", "delivered", "static_carried", "static_delivered")
+    for index, (step, vehicle) in enumerate(told):
+        row = rows[step, header["vehicles"][vehicle]]
+        for name in names:
+            assert arrays[f"vehicle_{name}"][index] == round(row[f"{name}_kbps"])
+    assert all(arrays[f"vehicle_{name}"].any() for name in names)
+    assert arrays["metric_carried_mbps"].max() > 0
 
 
 def test_a_share_of_all_connected_vehicles_is_in_range(recorded: Path) -> None:

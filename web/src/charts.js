@@ -6,7 +6,7 @@ const CHARTS = [
   { title: "In range, of all connected", unit: "%", scale: 100, top: 1, lines: [["in_range_share", "learned", "learned"], ["static_in_range_share", "static", "hovering"]] },
   { title: "Coverage of those served", unit: "%", scale: 100, top: 1, lines: [["coverage", "learned", "learned"], ["static_coverage", "static", "hovering"]] },
   { title: "Connectivity", unit: "%", scale: 100, top: 1, lines: [["connectivity", "learned", "learned"], ["connectivity_neighbor", "neighbor", "neighbour"], ["static_connectivity", "static", "hovering"]] },
-  { title: "Served bandwidth", unit: "Mbit/s", scale: 1, lines: [["served_mbps", "learned", "learned"], ["static_served_mbps", "static", "hovering"]] },
+  { title: "Traffic carried", unit: "Mbit/s", scale: 1, lines: [["carried_mbps", "learned", "learned"], ["delivered_mbps", "neighbor", "delivered"], ["static_carried_mbps", "static", "hovering"]] },
   { title: "Mean battery in the air", unit: "%", scale: 1, lines: [["energy_percent", "learned", "learned"]] },
 ];
 const LEFT = 36, RIGHT = 8, TOP = 6;

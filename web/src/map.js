@@ -1,7 +1,8 @@
 /* The map, on one 2D canvas: streets, buildings and tracks are painted once a view into a picture of their own, vehicles
-   and UAVs are stamped as pixels, and lines, ranges and texts are drawn over and under them. */
+   and UAVs are stamped as pixels, and lines, ranges and texts are drawn over and under them. Of a crowd all but the texts
+   is pixels, put onto the canvas at once: one call instead of 20,000. */
 
-import { Stamps } from "./stamps.js";
+import { opaque, Stamps } from "./stamps.js";
 
 const MARGIN = 0.35; // how far the picture beneath reaches beyond the view, as a share of it
 const SETTLED = 140; // ms without a move after which it is painted again
@@ -165,7 +166,7 @@ export class FleetMap {
     const { uavs } = scene;
     const [width, height] = this.size;
     if (!width || !height) return;
-    this.#clear(width, height);
+    this.#resize(width, height);
     const [left, top] = this.unproject(-30, -30), [right, bottom] = this.unproject(width + 30, height + 30);
     const seen = (x, y) => x >= left && x <= right && y >= bottom && y <= top;
 
@@ -184,29 +185,44 @@ export class FleetMap {
     const drones = flying.filter((u) => seen(uavs.x[u], uavs.y[u]));
     const size = quarters(Math.max(reach > 200 ? 8 : 0, Math.max(3, Math.min(7, 60 / Math.sqrt(Math.max(1, drones.length))))));
 
-    this.#ground();
     pen.lineCap = "butt";
-    if (layers.discs && reach > 6) this.#discs(near, reach);
-    if (layers.serving && reach > 10) this.#serving(scene, crowd);
-    if (layers.links) this.#links(scene);
-    this.#pickedLines(scene, marked);
     this.stamps.clear(this.canvas.width, this.canvas.height, this.ratio);
-    this.#vehicles(scene, crowd, radius, plain);
-    this.#drones(drones, size);
-    pen.drawImage(this.stamps.picture(), 0, 0, width, height);
+    if (plain) {
+      this.#layGround();
+      if (layers.discs && reach > 6) this.#circles(near, reach);
+      if (layers.serving && reach > 10) this.#servingPixels(scene, crowd);
+      if (layers.links) this.#linkPixels(scene);
+      this.#vehicles(scene, crowd, radius, plain);
+      this.#drones(drones, size);
+      this.stamps.onto(pen);
+      this.#pickedLines(scene, marked);
+    } else {
+      this.#clear(width, height);
+      this.#ground();
+      if (layers.discs && reach > 6) this.#discs(near, reach);
+      if (layers.serving && reach > 10) this.#serving(scene, crowd);
+      if (layers.links) this.#links(scene);
+      this.#pickedLines(scene, marked);
+      this.#vehicles(scene, crowd, radius, plain);
+      this.#drones(drones, size);
+      pen.drawImage(this.stamps.picture(), 0, 0, width, height);
+    }
     this.#rings(marked);
     this.#write(drones, size, layers.labels, zoneTexts);
   }
 
-  #clear(width, height) {
+  #resize(width, height) {
     const { canvas, pen } = this;
     this.ratio = devicePixelRatio || 1;
     const [across, down] = [Math.round(width * this.ratio), Math.round(height * this.ratio)];
     if (canvas.width !== across || canvas.height !== down) Object.assign(canvas, { width: across, height: down });
     pen.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     pen.globalAlpha = 1;
-    pen.fillStyle = css(this.theme.map);
-    pen.fillRect(0, 0, width, height);
+  }
+
+  #clear(width, height) {
+    this.pen.fillStyle = css(this.theme.map);
+    this.pen.fillRect(0, 0, width, height);
   }
 
   #vehiclesIn({ count, vehicles }, seen) {
@@ -283,6 +299,41 @@ export class FleetMap {
     pen.globalAlpha = 1;
   }
 
+  /* The same of a crowd, as pixels. */
+
+  #circles(team, reach) {
+    const { stamps, ratio, theme, run } = this;
+    const { x, y } = this.scene.uavs;
+    const colours = theme.colours.map(opaque);
+    for (const u of team) {
+      const [px, py] = this.project(x[u], y[u]);
+      stamps.circle(px * ratio, py * ratio, reach * ratio, colours[run.colours[u]], 45);
+    }
+  }
+
+  #servingPixels({ vehicles, uavs }, crowd) {
+    const { stamps, theme, run } = this;
+    const colours = theme.colours.map(opaque), warn = opaque(theme.warn);
+    const scale = this.scale * this.ratio, [left, top] = this.unproject(0, 0);
+    for (const k of crowd) {
+      const u = vehicles.uav[k];
+      if (u < 0 || !(uavs.state[u] & 1)) continue;
+      stamps.line((uavs.x[u] - left) * scale, (top - uavs.y[u]) * scale, (vehicles.x[k] - left) * scale,
+        (top - vehicles.y[k]) * scale, vehicles.covered[k] ? colours[run.colours[u]] : warn, 77);
+    }
+  }
+
+  #linkPixels({ links, uavs }) {
+    const scale = this.scale * this.ratio, [left, top] = this.unproject(0, 0), ink = opaque(this.theme.ink);
+    for (let i = 0; i < links.length; i += 2) {
+      const [a, b] = [links[i], links[i + 1]];
+      const ends = [(uavs.x[a] - left) * scale, (top - uavs.y[a]) * scale, (uavs.x[b] - left) * scale, (top - uavs.y[b]) * scale];
+      this.stamps.line(...ends, ink, 96);
+      const flat = Math.abs(ends[2] - ends[0]) > Math.abs(ends[3] - ends[1]); // twice, so that links are not lines of service
+      this.stamps.line(...ends.map((value, at) => value + (at % 2 === Number(flat))), ink, 96);
+    }
+  }
+
   #vehicles({ vehicles }, crowd, radius, plain) {
     const { theme, run, stamps, scale, ratio } = this;
     const [left, top] = this.unproject(0, 0);
@@ -350,7 +401,34 @@ export class FleetMap {
   /* ---- the picture beneath ---- */
 
   #ground() {
-    const { run, theme, view, pen } = this;
+    this.#renewGround();
+    const { pen, view } = this;
+    const { canvas, corner, zoom, ratio } = this.ground;
+    const larger = 2 ** (view.zoom - zoom) / ratio;
+    let [x, y] = this.project(...corner);
+    // At its own zoom it lies on whole pixels, and is copied instead of interpolated.
+    if (zoom === view.zoom) [x, y] = [Math.round(x * ratio) / ratio, Math.round(y * ratio) / ratio];
+    pen.drawImage(canvas, x, y, canvas.width * larger, canvas.height * larger);
+  }
+
+  /* The same as pixels; while the map is zoomed, by way of the canvas, which scales it. */
+  #layGround() {
+    this.#renewGround();
+    const { ground, view, ratio, stamps, theme } = this;
+    if (ground.zoom !== view.zoom || ground.ratio !== ratio) {
+      this.#clear(...this.size);
+      this.#ground();
+      const { width, height } = this.canvas;
+      stamps.lay(pixelsOf(this.pen, width, height), 0, 0, theme.map);
+      return;
+    }
+    ground.picture ??= pixelsOf(context(ground.canvas), ground.canvas.width, ground.canvas.height);
+    const [x, y] = this.project(...ground.corner);
+    stamps.lay(ground.picture, -Math.round(x * ratio), -Math.round(y * ratio), theme.map);
+  }
+
+  #renewGround() {
+    const { run, theme, view } = this;
     const [width, height] = this.size;
     const wanted = [...view.target, view.zoom, width, height, theme.name, run.tracksLast ?? 0, run.session].join();
     if (this.ground?.theme !== theme.name || this.ground.run !== run) this.#paintGround(wanted);
@@ -361,12 +439,6 @@ export class FleetMap {
         this.onView(false);
       }, SETTLED);
     }
-    const { canvas, corner, zoom, ratio } = this.ground;
-    const larger = 2 ** (view.zoom - zoom) / ratio;
-    let [x, y] = this.project(...corner);
-    // At its own zoom it lies on whole pixels, and is copied instead of interpolated.
-    if (zoom === view.zoom) [x, y] = [Math.round(x * ratio) / ratio, Math.round(y * ratio) / ratio];
-    pen.drawImage(canvas, x, y, canvas.width * larger, canvas.height * larger);
   }
 
   #paintGround(key) {
@@ -471,9 +543,9 @@ export class FleetMap {
         if (right < 0 || left > width || top > height - 44 || top + pixels < 20) continue; // the ruler is at the bottom
         const x = Math.max(left, 0) + 7, y = Math.max(top, 0) + 7; // stays in sight while any of the zone is
         const name = pixels < 100 ? String(zone) : "Zone " + zone;
-        label(pen, name, x, y, theme.muted, theme);
+        const wide = label(pen, name, x, y, theme.muted, theme);
         const { text, warn } = pixels < 150 ? {} : zoneTexts(zone);
-        if (text) label(pen, text, x + pen.measureText(name + "  ").width, y, warn ? theme.warn : theme.muted, theme, 400);
+        if (text && right - x > wide + 90) label(pen, text, x + wide + 7, y, warn ? theme.warn : theme.muted, theme, 400);
       }
       for (const [x, y] of pixels >= 60 ? run.charging : []) {
         const [px, py] = this.project(x, y);
@@ -520,19 +592,40 @@ function trace(pen, line, px, py, ratio) {
   }
 }
 
+/* Texts are slow to outline: each is drawn once, and copied from then on. */
+const labels = new Map();
+
 function label(pen, text, x, y, colour, theme, weight = 600) {
-  pen.font = weight + " 11px " + theme.font;
-  pen.lineWidth = 3;
-  pen.lineJoin = "round";
-  pen.strokeStyle = css(theme.map);
-  pen.strokeText(text, x, y);
-  pen.fillStyle = css(colour);
-  pen.fillText(text, x, y);
+  const ratio = Math.ceil(devicePixelRatio || 1);
+  const key = [text, colour, weight, theme.name, ratio, theme.font].join();
+  let held = labels.get(key);
+  if (!held) {
+    if (labels.size > 2000) labels.clear();
+    const font = weight + " 11px " + theme.font;
+    pen.font = font;
+    const width = Math.ceil(pen.measureText(text).width);
+    const canvas = Object.assign(document.createElement("canvas"), { width: (width + 2 * EDGE) * ratio, height: 22 * ratio });
+    const own = canvas.getContext("2d", { willReadFrequently: true });
+    own.scale(ratio, ratio);
+    Object.assign(own, { font, lineWidth: 3, lineJoin: "round", textBaseline: "alphabetic", strokeStyle: css(theme.map), fillStyle: css(colour) });
+    own.strokeText(text, EDGE, BASE);
+    own.fillText(text, EDGE, BASE);
+    labels.set(key, (held = { canvas, width, ratio }));
+  }
+  const left = x - EDGE - (pen.textAlign === "right" ? held.width : 0);
+  const above = { top: 4, middle: 11, alphabetic: BASE }[pen.textBaseline];
+  pen.drawImage(held.canvas, left, y - above, held.canvas.width / held.ratio, held.canvas.height / held.ratio);
+  return held.width;
 }
+const EDGE = 3, BASE = 14; // pixels around a text, and to its base line
 
 const css = ([red, green, blue]) => `rgb(${red} ${green} ${blue})`;
 /* Drawn by the processor: a browser that has its GPU imitated in software takes twenty times as long on "the GPU". */
 const context = (canvas) => canvas.getContext("2d", { alpha: false, willReadFrequently: true });
+
+function pixelsOf(pen, width, height) {
+  return { pixels: new Int32Array(pen.getImageData(0, 0, width, height).data.buffer), width, height };
+}
 
 const quarters = (value) => Math.round(4 * value) / 4;
 

@@ -193,6 +193,10 @@ export function facts(run, scene, { kind, index }, mode) {
     const distance = Math.round(Math.hypot(uavs.x[uav] - vehicles.x[k], uavs.y[uav] - vehicles.y[k]));
     lines.push(`served by ${run.uavs[uav]}, ${distance} m away${vehicles.covered[k] ? "" : ": out of range"}`);
   }
+  if (scene.traffic && uav >= 0) {
+    const [demand, carried, delivered] = scene.traffic(k).map((kbps) => number(kbps / 1000, 2));
+    lines.push(`asks for ${demand} Mbit/s: ${carried} carried, ${delivered} delivered`);
+  }
   const i = run.proposals[run.periodOf(Math.min(scene.at, run.steps - 1))]?.of.get(index);
   if (flown && i !== undefined) {
     lines.push(`proposed to ${run.uavs[run.proposal_uav[i]]}: QoU ${number(run.proposal_qou[i], 1)}, ` +

@@ -2,7 +2,8 @@
 
    Both kinds answer the same questions:
      frame(kind, step)  who is where: { count, vehicle, x, y, uav, covered, place }, columns by row; place[vehicle] is a
-                        vehicle's row, -1 where it is away. kind is "" (as flown) or "static_" (the comparator).
+                        vehicle's row, -1 where it is away; traffic(row): what it asks for, what is carried and delivered
+                        of it [kbit/s], where that is known. kind is "" (as flown) or "static_" (the comparator).
      fleet(kind, step)  { x, y, zone, state, battery, age }, by UAV; state bit 0: in the air, bit 1: selected.
      metric(name, zone) a value for each step from 0 to `steps` (zone 0: the whole area), NaN where there is none. */
 
@@ -112,6 +113,7 @@ export class RecordedRun extends Run {
     frame = {
       count, vehicle: new Int32Array(count), x: new Float32Array(count), y: new Float32Array(count),
       uav: new Int32Array(count), covered: new Uint8Array(count), place: new Int32Array(this.vehicles.length).fill(-1),
+      traffic: (k) => ["demand", kind + "carried", kind + "delivered"].map((name) => this["vehicle_" + name][rows[k]]),
     };
     const owners = this[`vehicle_${kind}uav`], covered = this[`vehicle_${kind}covered`];
     for (let k = 0; k < count; k++) {

@@ -65,7 +65,7 @@ export function observe(run, kind, time, still) {
       }
     }
   }
-  return { at, time, count: frame.count, vehicles, place: frame.place, served, covered, uavs, teams, links };
+  return { at, time, count: frame.count, vehicles, place: frame.place, traffic: frame.traffic, served, covered, uavs, teams, links };
 }
 
 /* Where a picked member is, or null where it is away or has landed. */

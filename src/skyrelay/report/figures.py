@@ -76,11 +76,15 @@ def _bandwidth(run: Run, axes: Axes) -> None:
     _lines(
         run,
         axes,
-        [("served_mbps", "learned", LEARNED, "-"), ("static_served_mbps", "hovering", STATIC, "--")],
+        [
+            ("carried_mbps", "learned", LEARNED, "-"),
+            ("delivered_mbps", "learned, delivered", LEARNED, ":"),
+            ("static_carried_mbps", "hovering", STATIC, "--"),
+        ],
         unit="Mbit/s",
     )
     axes.set_ylim(bottom=0)
-    axes.set_ylabel("served bandwidth [Mbit/s]")
+    axes.set_ylabel("traffic carried [Mbit/s]")
 
 
 def _energy(run: Run, axes: Axes) -> None:

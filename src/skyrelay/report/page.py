@@ -106,6 +106,11 @@ def _tiles(summary: Summary) -> str:
         ),
         ("Coverage of those served", _percent(summary.coverage), f"hovering {_percent(summary.static_coverage)}"),
         ("Connectivity", _percent(summary.connectivity), f"hovering {_percent(summary.static_connectivity)}"),
+        (
+            "Traffic carried",
+            f"{_percent(summary.carried_share)}",
+            f"of all demand; hovering {_percent(summary.static_carried_share)}",
+        ),
         ("Mean QoU · QoV", f"{_number(summary.mean_qou)} · {_number(summary.mean_qov)}", "of 100"),
         ("Transactions", f"{summary.transactions:,}", f"in {summary.blocks:,} blocks"),
         ("Gas", _short(summary.gas_used), f"{_short(summary.gas_used / max(summary.transactions, 1))} a transaction"),

@@ -32,11 +32,12 @@ _METRICS = (
     "coverage",
     "connectivity",
     "connectivity_neighbor",
-    "served_mbps",
+    "carried_mbps",
+    "delivered_mbps",
     "energy_percent",
     "static_coverage",
     "static_connectivity",
-    "static_served_mbps",
+    "static_carried_mbps",
     "in_range_share",
     "static_in_range_share",
 )
@@ -76,6 +77,8 @@ def _contents(run: Run) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         arrays[f"vehicle_{name}"] = _codes(run.vehicles[name], fleet)[order]
     for name in ("covered", "static_covered"):
         arrays[f"vehicle_{name}"] = run.vehicles[name][order].astype(np.uint8)
+    for name in ("demand", "carried", "delivered", "static_carried", "static_delivered"):
+        arrays[f"vehicle_{name}"] = np.rint(run.vehicles[f"{name}_kbps"][order]).astype(np.int32)
 
     # UAVs: [uavs, steps + 1]; state bit 0 where it is in the air, bit 1 where it is selected.
     shape = (len(fleet), summary.steps + 1)
