@@ -12,7 +12,7 @@ export class Member {
     this.seek = seek;
     this.key = "";
     $("member-close").onclick = close;
-    this.pens = NAMES.map(() => html("canvas", { width: CELLS * PIXELS, height: CELLS * PIXELS }).getContext("2d"));
+    this.pens = NAMES.map(() => html("canvas", { width: CELLS * PIXELS, height: CELLS * PIXELS }).getContext("2d", { willReadFrequently: true }));
     $("member-maps").replaceChildren(...this.pens.map(({ canvas }, m) => {
       const figure = html("figure", {});
       figure.append(canvas);
