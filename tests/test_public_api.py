@@ -34,6 +34,7 @@ NAMES = {
     "load_run",
     "load_scenario",
     "make",
+    "make_vec",
     "policies",
     "run",
     "select",

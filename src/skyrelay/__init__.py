@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from skyrelay.api import evaluate as evaluate
     from skyrelay.api import load_run as load_run
     from skyrelay.api import make as make
+    from skyrelay.api import make_vec as make_vec
     from skyrelay.api import policies as policies
     from skyrelay.api import run as run
     from skyrelay.core.entities import UavTable as UavTable
@@ -48,6 +49,7 @@ _HOMES = {
     "load_run": "skyrelay.api",
     "load_scenario": "skyrelay.core.scenario",
     "make": "skyrelay.api",
+    "make_vec": "skyrelay.api",
     "policies": "skyrelay.api",
     "run": "skyrelay.api",
     "select": "skyrelay.selection",
@@ -69,6 +71,7 @@ __all__ = [
     "load_run",
     "load_scenario",
     "make",
+    "make_vec",
     "policies",
     "run",
     "select",

@@ -7,13 +7,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 
 from skyrelay.core import plugins
 from skyrelay.core.errors import UsageError
+from skyrelay.core.names import GAMES, GamesName
 from skyrelay.core.progress import Progress, Silent
 from skyrelay.core.scenario import Scenario, load_scenario
 from skyrelay.policy import Policy, builtin_policies
@@ -23,8 +24,7 @@ from skyrelay.runfolder.schema import SCHEMAS, Summary
 
 if TYPE_CHECKING:
     from skyrelay.coordination.pettingzoo import UavCoordination
-
-GAMES = ("paper", "varied", "obstacles", "energy")
+    from skyrelay.coordination.vector import UavVector
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def run(
 
 
 def make(
-    name: Literal["paper", "varied", "obstacles", "energy"] = "paper",
+    name: GamesName = "paper",
     *,
     uavs: int = 3,
     vehicles: int = 20,
@@ -170,6 +170,28 @@ def make(
     _require_games(name)
     domain, shape = games_of(name, (uavs, uavs), (vehicles, vehicles), n)
     return UavCoordination(replace(shape, steps=steps), domain, render_mode=render_mode)
+
+
+def make_vec(
+    name: GamesName = "paper", *, games: int = 64, uavs: int = 3, vehicles: int = 20, steps: int = 100, n: int = 11
+) -> UavVector:
+    """Many games side by side as one Gymnasium vector environment, each UAV of each game a row of its own.
+
+    Args:
+        name: of the games: paper, obstacles or energy.
+        games: side by side.
+        uavs, vehicles, steps, n: as `make`.
+    Raises:
+        UsageError: there are no such games, or a number does not fit.
+    """
+    from dataclasses import replace
+
+    from skyrelay.coordination.vector import UavVector
+    from skyrelay.learning.presets import games_of
+
+    _require_games(name)
+    domain, shape = games_of(name, (uavs, uavs), (vehicles, vehicles), n)
+    return UavVector(replace(shape, steps=steps), domain, games)
 
 
 def evaluate(

@@ -7,7 +7,6 @@ together (`IovClient.execute`); methods that read answer at once.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
@@ -19,6 +18,7 @@ from skyrelay.chain.genuine import require_genuine
 from skyrelay.chain.typed_data import SignedProposal, Voucher
 from skyrelay.core.errors import ChainError
 from skyrelay.core.scenario import Selection
+from skyrelay.selection.fixed_point import fixed_weights
 
 DECIMETRES = 10
 """Positions and distances of the contract, in one metre."""
@@ -474,10 +474,6 @@ class IovClient:
             None if int(info["modelId"], 16) == 0 else info["modelId"],
         )
 
-    def uav_info(self, uav: str) -> UavInfo:
-        """`getUAVInfo`."""
-        return self.uav_infos([uav])[0]
-
     def uav_infos(self, uavs: Sequence[str]) -> list[UavInfo]:
         """`getUAVInfo` of many at once.
 
@@ -669,8 +665,8 @@ def _vehicle(record: VehicleRecord) -> tuple[int, ...]:
 
 def _parameters(settings: Settings) -> tuple[Any, ...]:
     return (
-        _millionths(settings.qou_weights),
-        _millionths(settings.qov_weights),
+        fixed_weights(settings.qou_weights),
+        fixed_weights(settings.qov_weights),
         settings.max_bandwidth,
         settings.max_demand,
         settings.max_payment,
@@ -713,16 +709,6 @@ def _settings(parameters: Mapping[str, Any]) -> Settings:
         minimum_period=parameters["minimumPeriod"],
         admin_delay=parameters["adminDelay"],
     )
-
-
-def _millionths(weights: Sequence[float]) -> list[int]:
-    """Whole millionths that sum to a million: what rounding down loses goes to the largest remainders."""
-    scaled = [weight * 1e6 for weight in weights]
-    whole = [math.floor(value) for value in scaled]
-    by_remainder = sorted(range(len(whole)), key=lambda i: whole[i] - scaled[i])
-    for i in by_remainder[: 1_000_000 - sum(whole)]:
-        whole[i] += 1
-    return whole
 
 
 def checked_address(address: str) -> str:

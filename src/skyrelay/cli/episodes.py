@@ -9,11 +9,11 @@ import typer
 
 from skyrelay.cli.options import span
 from skyrelay.core.errors import UsageError
+from skyrelay.core.names import GAMES
 
 if TYPE_CHECKING:
     from skyrelay.coordination import game
 
-GAMES = ("paper", "varied", "obstacles", "energy")
 
 Uavs = Annotated[str, typer.Option("--uavs", help="Team size, or a range: 2-5.")]
 Vehicles = Annotated[str, typer.Option("--vehicles", help="Number of vehicles, or a range: 5-20.")]
@@ -67,7 +67,7 @@ def unseen(
     from skyrelay.learning.presets import games_of
     from skyrelay.mobility.tracks import open_trace
 
-    domain, shape = games_of(games, team, traffic, n, zoom)  # type: ignore[arg-type]
+    domain, shape = games_of(games, team, traffic, n, zoom)
     if trace is not None:
         if shape.walls or shape.energy:
             raise UsageError("--games", games, "paper or varied beside --trace")

@@ -12,6 +12,7 @@ import typer
 
 from skyrelay.cli.options import Json, named_code, print_result, span
 from skyrelay.core.errors import UsageError
+from skyrelay.core.names import GAMES, PRESETS
 
 
 def command(
@@ -74,8 +75,8 @@ def command(
       skyrelay train --paper-maps --steps 200000 --seeds 5 --out curves
     """
     for option, value, choices in (
-        ("--preset", preset, ("fast", "generalist", "paper")),
-        ("--games", games, ("paper", "varied", "obstacles", "energy")),
+        ("--preset", preset, PRESETS),
+        ("--games", games, GAMES),
     ):
         if value not in choices:
             raise UsageError(option, value, "one of: " + ", ".join(choices))

@@ -77,7 +77,7 @@ def load(group: str, name: str, shipped: Mapping[str, str], place: str, others: 
         return _attribute(name, place)
     known = [*others, *shipped, *installed(group)]
     close = difflib.get_close_matches(name.lower(), known, n=1)
-    hint = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(known)}, or module:attribute"
+    hint = f"a known name: did you mean {close[0]!r}?" if close else f"one of {', '.join(known)}, or module:attribute"
     raise UsageError(place, name, hint)
 
 

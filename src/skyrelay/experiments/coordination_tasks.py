@@ -23,11 +23,12 @@ from skyrelay.baselines.player import Episodes, Learned, play
 from skyrelay.coordination import game
 from skyrelay.coordination.settings import Shape, physical
 from skyrelay.core.errors import TrainingError
+from skyrelay.core.names import PresetName
 from skyrelay.experiments.runner import Row
 from skyrelay.learning.evaluation import MEASURES, named, policy_scores, starts, unseen_key
 from skyrelay.learning.networks import FAST, PAPER, Network
 from skyrelay.learning.ppo import EACH, Decider
-from skyrelay.learning.presets import PresetName, Training, training
+from skyrelay.learning.presets import Training, training
 from skyrelay.learning.training import Course
 from skyrelay.policy import Policy
 

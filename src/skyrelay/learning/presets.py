@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
 
 from skyrelay.coordination.energy import Batteries
 from skyrelay.coordination.obstacles import Cities
 from skyrelay.coordination.settings import Domain, Shape, physical, varied
 from skyrelay.core import plugins
 from skyrelay.core.errors import TrainingError, UsageError
+from skyrelay.core.names import GamesName, PresetName
 from skyrelay.learning.networks import FAST, GENERALIST, GENERALIST_CRITIC, PAPER, Architecture
 from skyrelay.learning.ppo import Hyperparameters
-
-PresetName = Literal["fast", "generalist", "paper"]
-GamesName = Literal["paper", "varied", "obstacles", "energy"]
 
 
 @dataclass(frozen=True)

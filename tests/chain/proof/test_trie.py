@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import pytest
+import rlp
 from eth_hash.auto import keccak
 from hypothesis import given
 from hypothesis import strategies as st
+from trie import HexaryTrie
 
 from skyrelay.chain.proof.headers import UNREADABLE
 from skyrelay.chain.proof.trie import encode, list_root, proven, root
@@ -37,6 +39,25 @@ def test_a_proof_shows_what_is_there_and_what_is_not(
     if len(entries) > 1:
         with pytest.raises(ValueError, match="no node with hash"):
             proven(root(changed), key, list(nodes.values()))
+
+
+@given(st.dictionaries(keys, values, min_size=1, max_size=40), keys)
+def test_another_implementation_has_the_same_roots_and_takes_the_same_proofs(
+    entries: dict[bytes, bytes], other: bytes
+) -> None:
+    """py-trie, as Ethereum's Python clients used it."""
+    theirs = HexaryTrie({})
+    for key, value in entries.items():
+        theirs[key] = value
+    top = root(entries)
+    assert top == theirs.root_hash
+    for key in [*list(entries)[:3], other]:
+        proof = theirs.get_proof(key)
+        assert proven(top, key, [encode(node) for node in proof]) == entries.get(key)
+        nodes: dict[bytes, bytes] = {}
+        root(entries, nodes)
+        own = [rlp.decode(node) for node in nodes.values()]
+        assert HexaryTrie.get_from_proof(top, key, own) == entries.get(key, b"")
 
 
 @given(st.lists(values, max_size=300))

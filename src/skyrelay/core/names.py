@@ -1,0 +1,10 @@
+"""What games and training presets are called: the command line knows the names before it loads JAX."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+GamesName = Literal["paper", "varied", "obstacles", "energy"]
+PresetName = Literal["fast", "generalist", "paper"]
+GAMES: tuple[GamesName, ...] = get_args(GamesName)
+PRESETS: tuple[PresetName, ...] = get_args(PresetName)
