@@ -11,7 +11,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from town_of_processes import skyrelay
 
 from skyrelay.chain.accounts import Keyring
-from skyrelay.cli.agent import one_line_for_the_unforeseen
+from skyrelay.cli.ending import one_line_for_the_unforeseen
 from skyrelay.core.errors import ChainError, HostError, UsageError
 from skyrelay.pilot.logs import Redactor, configure
 from skyrelay.pilot.metrics import Metrics
@@ -112,11 +112,11 @@ def test_what_nobody_has_foreseen_is_one_line_and_its_trace_is_for_who_debugs(le
     stream = io.StringIO()
     logger = configure("one", as_json=True, stream=stream, level=level)
     told = pytest.raises(HostError, match=r"^host one: is 'ZeroDivisionError: division by zero'; expected")
-    with told as caught, one_line_for_the_unforeseen("one", logger):
+    with told as caught, one_line_for_the_unforeseen("host one", logger):
         1 / 0  # noqa: B018
     assert caught.value.exit_code not in (0, 2)  # so that `up` starts it again
     written = stream.getvalue().splitlines()
     assert len(written) == lines
     assert all("ZeroDivisionError" in json.loads(line)["trace"] for line in written)
-    with pytest.raises(ChainError), one_line_for_the_unforeseen("one", logger):
+    with pytest.raises(ChainError), one_line_for_the_unforeseen("host one", logger):
         raise ChainError("chain", None, "an answer")

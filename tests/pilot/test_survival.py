@@ -15,7 +15,15 @@ from skyrelay.pilot.bus import Bus
 from skyrelay.pilot.lockstep import serve
 
 
-@pytest.mark.parametrize(("block", "names"), [(9, ["vehicles", "coordinator"]), (12, ["uavs"]), (16, ["coordinator"])])
+@pytest.mark.parametrize(
+    ("block", "names"),
+    [
+        (9, ["vehicles", "coordinator"]),
+        (12, ["uavs"]),
+        (16, ["coordinator"]),
+        (13, ["chain", "vehicles", "uavs", "coordinator"]),
+    ],
+)
 def test_whoever_is_killed_is_back_and_no_selection_is_lost_or_doubled(run_folder, tmp_path, block, names):
     """What a beacon lost meanwhile changes is where a UAV flies, so only the first period must be as without kills."""
     up = Up(tmp_path / "up")
@@ -79,4 +87,4 @@ def test_what_is_wrong_with_a_host_is_one_clear_line(tmp_path):
 
 def test_a_world_that_stops_ends_its_hosts_with_one_line():
     with Bus("lonely") as bus, pytest.raises(BusError, match=r"world: is 'silent for 0.2 s'; expected a world that"):
-        serve(None, bus, "0x0", "uavs", None, patience=0.2)
+        serve(None, bus, "0x0", "uavs", None, patience=0.2, receivers=None)

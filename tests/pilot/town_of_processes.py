@@ -101,7 +101,10 @@ class Up:
         os.kill(self.pid(name), signal.SIGKILL)
 
     def end(self):
-        status = self.process.wait(300)
+        while (status := self.process.poll()) is None:
+            for name, process in self.elsewhere.items():
+                assert process.poll() != 2, self.log(name)  # it would be waited for in vain
+            time.sleep(0.05)
         self._reader.join()
         self.stop()
         assert status == 0, self.lines
@@ -117,3 +120,12 @@ def audited(folder):
     audit = skyrelay("audit", folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     told, _ = audit.communicate(timeout=120)
     assert audit.returncode == 0, told
+
+
+def once(told):
+    """Nothing is doubled, and what the contract says last of a period is what the record has."""
+    asked = [(row["period"], row["round"], row["vehicle"]) for row in told["proposals"]]
+    assert len(set(asked)) == len(asked)
+    taken = [(row["period"], row["vehicle"]) for row in told["proposals"] if row["accepted"]]
+    assert taken
+    assert len(set(taken)) == len(taken)

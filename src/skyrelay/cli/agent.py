@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from skyrelay.cli.ending import until_terminated
-from skyrelay.core.errors import HostError, SkyRelayError, UsageError
+from skyrelay.cli.ending import one_line_for_the_unforeseen, until_terminated
+from skyrelay.core.errors import UsageError
 
 
 class Kind(StrEnum):
@@ -76,24 +74,7 @@ def command(
         plugins.allow(policy)
     host = load_config(config, wanted)
     logger = configure(host.name, log_json, level=level)
-    with until_terminated(), one_line_for_the_unforeseen(host.name, logger):
+    with until_terminated(), one_line_for_the_unforeseen(f"host {host.name}", logger):
         airframe = None if autopilot is None or frame is None else (autopilot, frame)
         receiver = None if gpsd is None or frame is None else (gpsd, frame)
         run_agents(kind.value, host, logger.info, airframe=airframe, receiver=receiver, metrics=metrics)
-
-
-@contextmanager
-def one_line_for_the_unforeseen(name: str, logger: logging.Logger) -> Iterator[None]:
-    """An exception that is none of ours ends the host with one line; where it came up is in the log for who debugs.
-
-    Raises:
-        HostError: in place of any such exception.
-    """
-    try:
-        yield
-    except SkyRelayError:
-        raise
-    except Exception as error:
-        logger.debug("where it came up", exc_info=True)
-        told = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-        raise HostError(f"host {name}", told, "nothing of the kind; --debug says where it came up") from None

@@ -34,6 +34,7 @@ from skyrelay.cli import (
     trace,
     train,
     up,
+    world,
 )
 from skyrelay.cli.options import help_alone
 from skyrelay.core.errors import SkyRelayError
@@ -52,6 +53,7 @@ app = typer.Typer(
 app.command("run")(run.command)
 app.command("up")(up.command)
 app.command("agent")(agent.command)
+app.command("world")(world.command)
 app.command("scenario")(scenario.command)
 app.command("report")(report.command)
 app.command("live")(live.command)

@@ -69,6 +69,13 @@ def command(
     live: Annotated[
         bool, typer.Option("--live/--no-live", help="Show the fleet as it flies, on a page at loopback.")
     ] = True,
+    free_running: Annotated[
+        bool, typer.Option("--free-running", help="Every host goes by its own clock; --speed 1 unless given.")
+    ] = False,
+    slot: Annotated[
+        float,
+        typer.Option("--slot", min=0.05, max=600.0, metavar="S", help="Free-running: of a phase of the selection [s]."),
+    ] = 2.0,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -84,6 +91,7 @@ def command(
     """
     from skyrelay.cli.progress import ShownProgress
     from skyrelay.core.scenario import load_scenario
+    from skyrelay.pilot.config import ClockConfig
     from skyrelay.pilot.up import Nodes, a_port, new_hosts_folder, up
     from skyrelay.report import write_figures, write_report
     from skyrelay.runfolder import new_run_folder
@@ -92,6 +100,10 @@ def command(
     config = load_scenario(scenario, overrides, seed)
     target = out or Path("runs") / f"{config.name}-{config.seed}"
     beside = hosts or target.with_name(f"{target.name}-hosts")
+
+    clock = None
+    if free_running:
+        clock = ClockConfig(slot=slot, step=config.coordination.step_seconds / (speed or 1.0))
 
     def draw(folder: Path) -> None:
         progress.stage("Report", 2)
@@ -119,6 +131,7 @@ def command(
             standby=standby,
             wait=wait,
             speed=speed,
+            clock=clock,
             nodes=Nodes(validators, target.with_name(f"{target.name}-devnet"), force, kubo),
             live=a_port(8765) if live else None,
         )

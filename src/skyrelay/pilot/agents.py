@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Literal
@@ -16,10 +17,12 @@ from skyrelay.pilot.autopilot import Autopilot
 from skyrelay.pilot.bus import Bus
 from skyrelay.pilot.config import HostConfig
 from skyrelay.pilot.flown import FlownUav
+from skyrelay.pilot.free import Wall, run_free
 from skyrelay.pilot.geodesy import Frame
 from skyrelay.pilot.lockstep import Radio, host_key, serve
 from skyrelay.pilot.metrics import Metrics
 from skyrelay.pilot.position import Gpsd, PositionSource
+from skyrelay.pilot.receivers import Receivers
 from skyrelay.pilot.standby import Standby
 from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.authority import ReputationAuthority
@@ -46,7 +49,7 @@ def run_agents(
     receiver: tuple[str, Frame] | None = None,
     metrics: str | None = None,
 ) -> None:
-    """Host the members of one kind, until the world stops.
+    """Host the members of one kind, until the world stops or the timetable ends.
 
     Args:
         say: is called with every line that a person should read.
@@ -73,7 +76,8 @@ def run_agents(
     client = IovClient.connect(chain, access.contract, access.chain_id)
     at = config.bus
     with ExitStack() as stack:
-        bus = stack.enter_context(Bus(config.name, at.connect, at.listen, weather=at.weather(), lossless=True))
+        asked = config.clock is None  # in lock-step: whoever is asked waits for what others sent
+        bus = stack.enter_context(Bus(config.name, at.connect, at.listen, weather=at.weather(), lossless=asked))
         zones = {keyring.account(uav.name): uav.zone for uav in config.uav} if kind == "uav" else {}
         radio = Radio(bus, (access.contract, access.chain_id), keyring, zones, config.law().patience)
         host = Host(
@@ -96,14 +100,25 @@ def run_agents(
             law, altitude = config.law(), config.resolved().fleet.altitude
             body = stack.enter_context(FlownUav(autopilot, law, uav.zone, altitude, say))
             flown[keyring.account(uav.name)] = body
-        receivers: dict[str, PositionSource] = {}
+        own: dict[str, PositionSource] = {}
         if receiver is not None:
-            receivers[agents[0].address] = stack.enter_context(Gpsd(*receiver))
+            own[agents[0].address] = stack.enter_context(Gpsd(*receiver))
         bus.claim(f"{host_key(access.contract, config.name)}/alive")
         seconds = config.coordinator.standby
         standby = Standby(host, seconds, say) if kind == "coordinator" and seconds is not None else None
         say(f"ready: {len(agents)} of kind {kind}, at block {chain.block_number}")
-        serve(host, bus, access.contract, config.name, radio, config.patience, flown, receivers, standby)
+        receivers = Receivers(bus, access.contract, config.name, _moving(agents), own, flown)
+        if config.clock is not None:
+            off = config.clock.off
+            wall = Wall(lambda: time.time() + off, say)
+            run_free(host, bus, config, config.clock, radio, receivers, standby, wall)
+            return
+        serve(host, bus, access.contract, config.name, radio, config.patience, receivers, standby)
+
+
+def _moving(agents: Sequence[Agent]) -> list[str]:
+    """Addresses of those who have a receiver."""
+    return [agent.address for agent in agents if isinstance(agent, VehicleAgent | UavAgent)]
 
 
 def _metrics(name: str, host: Host, radio: Radio) -> Metrics:

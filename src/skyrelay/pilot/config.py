@@ -106,6 +106,17 @@ class Coordinator(Table):
     )
 
 
+class ClockConfig(Table):
+    """A run by the clock on the wall; every host has the same table, but for ``off``."""
+
+    slot: Annotated[float, Field(gt=0, le=3600)] = Field(description="what a phase of the selection has [s]")
+    step: Annotated[float, Field(gt=0, le=3600)] = Field(description="what a step of flight has [s]")
+    begin: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
+        None, description="of the run [s since 1970]; None: when the world says"
+    )
+    off: Annotated[float, Field(ge=-86400, le=86400)] = Field(0.0, description="of its clock, for trials [s]")
+
+
 class HostConfig(Table):
     """A host's whole file."""
 
@@ -114,6 +125,7 @@ class HostConfig(Table):
     patience: Annotated[float, Field(gt=0, le=86400)] = Field(
         60.0, description="without a word from the world for so long it is taken to have stopped [s]"
     )
+    clock: ClockConfig | None = Field(None, description="by which this host goes; None: it is asked")
     area: Area
     chain: ChainAccess
     store: StoreAccess
@@ -158,6 +170,42 @@ def read_table(path: Path, kind: type[TableT]) -> TableT:
         return kind.model_validate(tree)
     except ValidationError as error:
         raise _fault(path, error) from None
+
+
+class ReadAccess(Table):
+    """The contract, for who only reads."""
+
+    urls: Annotated[list[str], Field(min_length=1, max_length=40)]
+    chain_id: Annotated[int, Field(ge=1)]
+    contract: Address
+    confirmations: Annotated[int, Field(ge=0, le=1000)] = 0
+
+
+class WorldConfig(Table):
+    """The file of a world's process, as `skyrelay up` writes it."""
+
+    scenario: str = Field(description="the scenario's file")
+    folder: str = Field(description="of the run")
+    begun: Annotated[float, Field(allow_inf_nan=False)] = Field(description="when the run began (`time.monotonic`)")
+    hosts: list[Name] = Field(description="in the order in which they are asked")
+    accounts: dict[str, Address] = Field(description="of every member, by name")
+    parties: dict[str, Address] = Field(description="of those with a role, by name")
+    deciders: dict[str, str] = Field(description="what the UAVs may be told to fly by: names by CID")
+    gather: Annotated[float, Field(gt=0)] = Field(description="how long the hosts may take to come [s]")
+    wait: Annotated[float, Field(ge=0)] = Field(description="how long the world stands still for a lost host [s]")
+    speed: Annotated[float, Field(gt=0)] | None = Field(None, description="of its clock to the wall's, at most")
+    clock: ClockConfig | None = None
+    chain: ReadAccess
+    bus: BusAccess
+
+
+def load_world(path: Path) -> WorldConfig:
+    """Read and check a world's file.
+
+    Raises:
+        UsageError: naming the first key that does not fit.
+    """
+    return read_table(path, WorldConfig)
 
 
 def load_config(path: Path, members: Sequence[str] = ()) -> HostConfig:

@@ -8,7 +8,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from types import MappingProxyType
 
 from skyrelay.chain.abi import Event
 from skyrelay.chain.accounts import Keyring
@@ -17,7 +16,7 @@ from skyrelay.chain.node.chain import NodeChain
 from skyrelay.core.errors import BusError, UsageError
 from skyrelay.pilot.bus import Asked, Bus, uav_key, vehicle_key
 from skyrelay.pilot.flown import FlownUav
-from skyrelay.pilot.position import PositionSource
+from skyrelay.pilot.receivers import Receivers, Sky
 from skyrelay.pilot.standby import Standby
 from skyrelay.pilot.wire import ChoiceMessage, FixMessage, Reply, TickMessage, decode, topic
 from skyrelay.protocol.beacon import BeaconGate, Session
@@ -44,40 +43,33 @@ def by_the_contract_only() -> UsageError:
     return UsageError("selection.method", None, "two-sided: vehicles on hosts of their own select by the contract")
 
 
-class RemoteHosts:
-    """The hosts of a run's agents, elsewhere (`skyrelay.simulation.run.Hosts`).
+class HostsElsewhere:
+    """What hosts of a run's agents in other processes have in common for who looks on.
 
     Args:
         contract: its address, which names the run on the bus.
-        members: addresses of each host's members, by the host's name, in the order in which hosts are asked.
+        names: of the hosts, in the order in which they are asked.
         client, chain: to read the contract with, as it is founded.
         heard: is called with every event of the contract.
         notice: is called with a line when a host goes or comes.
-        wait: how long the world stands still for a host that does not answer, before it goes on without it [s].
-        speed: seconds of the world's clock to one of the wall's, at most; None as fast as the hosts can.
     """
 
     def __init__(
         self,
         bus: Bus,
         contract: str,
-        members: Mapping[str, Sequence[str]],
+        names: Sequence[str],
         client: IovClient,
         chain: NodeChain,
         heard: Callable[[Event], None],
         notice: Callable[[str], None],
-        wait: float = 30.0,
-        speed: float | None = None,
     ) -> None:
-        self._speed, self._began = speed, math.nan
         self._bus, self._contract, self._client = bus, contract, client
-        self._heard, self._notice, self._wait = heard, notice, wait
-        self._members = {name: list(addresses) for name, addresses in members.items()}
-        self._replies: dict[str, Reply] = {name: Reply() for name in members}
-        self._fixes: dict[str, Fix] = {}
-        self._untold: dict[str, set[str]] = {name: set() for name in members}
+        self._heard, self._notice = heard, notice
+        self._names = list(names)
+        self._replies: dict[str, Reply] = {name: Reply() for name in names}
+        self._sky = Sky(bus, contract)
         self._gone: set[str] = set()
-        self._sent: dict[str, Mapping[str, int]] = {}
         self._moves: dict[str, int] = {}
         self._flown: dict[str, Fix] = {}
         self._choices: dict[str, Choice] = {}
@@ -91,44 +83,9 @@ class RemoteHosts:
         """That the hosts waited for the chain [s]."""
         return sum(reply.chain_seconds for reply in self._replies.values())
 
-    def gather(self, patience: float, check: Callable[[str], None]) -> None:
-        """Wait until every host is there.
-
-        Args:
-            patience: for all of them together [s].
-            check: is called with the name of a host that is not there yet; may raise.
-        Raises:
-            BusError: one is not there in time.
-        """
-        until = time.monotonic() + patience
-        for name in self._members:
-            while self._bus.ask(host_key(self._contract, name), b"", ANSWER).answer() is None:
-                check(name)
-                if time.monotonic() > until:
-                    raise BusError("bus", None, f"host {name} within {patience:g} s")
-                time.sleep(0.05)
-
     def tell(self, fixes: Mapping[str, Fix]) -> None:
-        """New positions, by address; they go out with the next tick."""
-        self._fixes = dict(fixes)
-        for name, addresses in self._members.items():
-            self._untold[name] = {address for address in addresses if address in fixes}
-
-    def tick(self, tick: Tick, timestamp: int) -> None:  # noqa: ARG002  (a network has its own clock)
-        """The clock, to all hosts; returns when all have answered, or are given up."""
-        if tick.phase is Phase.BEACON:
-            self._sent.clear()
-            self._pace(tick.time)
-        if tick.phase is Phase.CLOSE:
-            self._choices.clear()
-        if tick.phase in TOGETHER:
-            asked = [(name, self._ask(name, tick)) for name in self._members]
-            for name, question in asked:
-                self._take(name, tick, question)
-        else:
-            for name in self._members:
-                self._take(name, tick, self._ask(name, tick))
-        self._read()
+        """New positions, by address: what receivers say from now on."""
+        self._sky.tell(fixes)
 
     def advise(self, advice: Mapping[str, str]) -> None:  # noqa: ARG002 (there is nobody to tell)
         """Refuse: vehicles on hosts of their own select by the contract.
@@ -163,15 +120,87 @@ class RemoteHosts:
         """Where a model's bytes are, by the contract."""
         return Cid.from_bytes(self._client.model(model).cid, f"model {model}")
 
+    def _accept(self, name: str, reply: Reply, moves: Mapping[str, int]) -> None:
+        self._replies[name] = reply
+        self._moves |= moves
+        self._flown |= reply.read_fixes()
+        self._choices |= reply.read_choices()
+
+    def _read(self) -> None:
+        last = self._client.chain.block_number
+        if last >= self._next_block:
+            for event in self._client.events(self._next_block, last):
+                self._heard(event)
+            for block in self._chain.blocks(range(max(self._next_block, self._founded + 1), last + 1)):
+                self.transactions += len(block["transactions"])
+                self.gas_used += int(block["gasUsed"], 16)
+            self._next_block = last + 1
+
+
+class RemoteHosts(HostsElsewhere):
+    """Hosts that the world asks, tick by tick (`skyrelay.simulation.run.Hosts`).
+
+    Args:
+        bus, contract, names, client, chain, heard, notice: as `HostsElsewhere`.
+        wait: how long the world stands still for a host that does not answer, before it goes on without it [s].
+        speed: seconds of the world's clock to one of the wall's, at most; None as fast as the hosts can.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        contract: str,
+        names: Sequence[str],
+        client: IovClient,
+        chain: NodeChain,
+        heard: Callable[[Event], None],
+        notice: Callable[[str], None],
+        wait: float = 30.0,
+        speed: float | None = None,
+    ) -> None:
+        super().__init__(bus, contract, names, client, chain, heard, notice)
+        self._wait, self._speed, self._began = wait, speed, math.nan
+        self._sent: dict[str, Mapping[str, int]] = {}
+
+    def gather(self, patience: float) -> None:
+        """Wait until every host is there.
+
+        Args:
+            patience: for all of them together [s].
+        Raises:
+            BusError: one is not there in time.
+        """
+        until = time.monotonic() + patience
+        for name in self._names:
+            while self._bus.ask(host_key(self._contract, name), b"", ANSWER).answer() is None:
+                if time.monotonic() > until:
+                    raise BusError("bus", None, f"host {name} within {patience:g} s")
+                time.sleep(0.05)
+
+    def tick(self, tick: Tick, timestamp: int) -> None:  # noqa: ARG002  (a network has its own clock)
+        """The clock, to all hosts; returns when all have answered, or are given up."""
+        if tick.phase is Phase.BEACON:
+            self._sent.clear()
+            self._pace(tick.time)
+        if tick.phase is Phase.CLOSE:
+            self._choices.clear()
+        if tick.phase in TOGETHER:
+            asked = [(name, self._ask(name, tick)) for name in self._names]
+            for name, question in asked:
+                self._take(name, tick, question)
+        else:
+            for name in self._names:
+                self._take(name, tick, self._ask(name, tick))
+        self._read()
+
     # Within
 
     def _ask(self, name: str, tick: Tick) -> Asked:
-        fixes = {address: self._fixes[address] for address in self._untold[name]}
         sent: Counter[str] = Counter()
         for other, counts in self._sent.items():
             if other != name and tick.phase is Phase.DECIDE:
                 sent.update(counts)
-        message = TickMessage.of(tick, fixes, sent)
+        message = TickMessage.of(tick, sent)
         return self._bus.ask(host_key(self._contract, name), message.encode(), ANSWER)
 
     def _take(self, name: str, tick: Tick, asked: Asked) -> None:
@@ -180,7 +209,6 @@ class RemoteHosts:
         until = time.monotonic() + (0.0 if name in self._gone else self._wait)
         if reply is None and name not in self._gone:
             self._notice(f"{name} does not answer at step {tick.step}, {tick.phase.name}: waiting {self._wait:g} s")
-            self._untold[name] = {address for address in self._members[name] if address in self._fixes}
         while reply is None and time.monotonic() < until:
             time.sleep(0.1)
             reply = self._first(name, self._ask(name, tick))
@@ -188,16 +216,11 @@ class RemoteHosts:
             if name not in self._gone:
                 self._notice(f"{name} is gone; the others go on")
             self._gone.add(name)
-            self._untold[name] = {address for address in self._members[name] if address in self._fixes}
             return
         if name in self._gone:
             self._gone.remove(name)
             self._notice(f"{name} is back at step {tick.step}, {tick.phase.name}")
-        self._untold[name] = set()
-        self._replies[name] = reply
-        self._moves |= reply.moves
-        self._flown |= reply.read_fixes()
-        self._choices |= reply.read_choices()
+        self._accept(name, reply, reply.moves)
         if tick.phase is Phase.BEACON:
             self._sent[name] = reply.sent
 
@@ -216,16 +239,6 @@ class RemoteHosts:
             if math.isnan(self._began):
                 self._began = time.monotonic() - now / self._speed
             time.sleep(max(0.0, self._began + now / self._speed - time.monotonic()))
-
-    def _read(self) -> None:
-        last = self._client.chain.block_number
-        if last >= self._next_block:
-            for event in self._client.events(self._next_block, last):
-                self._heard(event)
-            for block in self._chain.blocks(range(max(self._next_block, self._founded + 1), last + 1)):
-                self.transactions += len(block["transactions"])
-                self.gas_used += int(block["gasUsed"], 16)
-            self._next_block = last + 1
 
 
 def host_key(contract: str, name: str) -> str:
@@ -311,15 +324,13 @@ def serve(
     name: str,
     radio: Radio,
     patience: float,
-    flown: Mapping[str, FlownUav] = MappingProxyType({}),
-    receivers: Mapping[str, PositionSource] = MappingProxyType({}),
+    receivers: Receivers,
     standby: Standby | None = None,
 ) -> None:
     """Answer the world's ticks until it stops asking.
 
     Args:
-        flown: UAVs of this host with an airframe of their own, by address.
-        receivers: of members that know where they are by one, and not from the world.
+        receivers: of this host's members.
         standby: of a host that lets another act first.
         patience: without a tick for so long the world is taken to have stopped [s].
     Raises:
@@ -331,7 +342,7 @@ def serve(
             question = questions.get(timeout=patience)
         except queue.Empty:
             raise BusError("world", f"silent for {patience:g} s", "a world that goes on") from None
-        for uav in flown.values():
+        for uav in receivers.flown.values():
             uav.beat("bus")
         if not question.content:  # whether we are here
             question.answer(b"")
@@ -345,26 +356,23 @@ def serve(
         try:
             if standby is not None:
                 standby.wait(tick)
-            reply = _work(host, radio, message, tick, flown, receivers)
+            reply = work(host, radio, tick, message.sent, receivers)
         except Exception as error:
             question.refuse(str(error))
             raise
         question.answer(reply.encode())
 
 
-def _work(
-    host: Host,
-    radio: Radio,
-    message: TickMessage,
-    tick: Tick,
-    flown: Mapping[str, FlownUav],
-    receivers: Mapping[str, PositionSource],
-) -> Reply:
-    """What the agents here do at a tick."""
-    sources: Mapping[str, PositionSource] = {**receivers, **flown}
-    host.tell(message.read_fixes() | {address: source.fix() for address, source in sources.items()})
+def work(host: Host, radio: Radio, tick: Tick, sent_by_others: Mapping[str, int], receivers: Receivers) -> Reply:
+    """Have the agents here do what a tick asks for.
+
+    Args:
+        sent_by_others: beacons of this step on each topic, which are waited for.
+    """
+    flown = receivers.flown
+    host.tell(receivers.fixes(tick.step))
     if tick.phase is Phase.DECIDE:
-        host.hear(radio.take(tick.time, message.sent))
+        host.hear(radio.take(tick.time, sent_by_others))
     host.tick(tick)
     sent = radio.send(host.take_beacons())
     choices = host.choices() if tick.phase is Phase.PROPOSE else {}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -17,21 +19,22 @@ import tomli_w
 
 from skyrelay.chain.accounts import PASSWORD, Keyring
 from skyrelay.chain.node.chain import NodeChain
-from skyrelay.core.errors import ChainError, UsageError
+from skyrelay.core.errors import ChainError, SkyRelayError, UsageError
 from skyrelay.core.files import write_text
 from skyrelay.core.plugins import is_code
 from skyrelay.core.progress import Progress
-from skyrelay.core.resolved import ResolvedScenario
 from skyrelay.core.scenario import Scenario, to_toml
 from skyrelay.net.http import public_address
-from skyrelay.pilot.bus import Bus
-from skyrelay.pilot.lockstep import RemoteHosts, by_the_contract_only
+from skyrelay.pilot.config import ClockConfig
+from skyrelay.pilot.lockstep import by_the_contract_only
 from skyrelay.pilot.nodes import kubo, kubo_program, validators
 from skyrelay.pilot.processes import Children
+from skyrelay.pilot.world import NAME, on_chain
 from skyrelay.runfolder.folder import CHAIN, SCENARIO
 from skyrelay.runfolder.manifest import write_manifest
+from skyrelay.runfolder.reader import read_summary
 from skyrelay.simulation.consortium import Consortium
-from skyrelay.simulation.run import Run, without_credentials
+from skyrelay.simulation.run import without_credentials
 from skyrelay.simulation.world import World
 
 START = 60.0
@@ -128,6 +131,7 @@ def up(
     standby: float = 5.0,
     wait: float = 30.0,
     speed: float | None = None,
+    clock: ClockConfig | None = None,
     nodes: Nodes = Nodes(),
     live: int | None = None,
 ) -> dict[str, Any]:
@@ -145,6 +149,7 @@ def up(
         standby: how long each leaves the ones before it to act [s].
         wait: how long the world stands still for a host that does not answer [s].
         speed: seconds of the world's clock to one of the wall's, at most; None as fast as the hosts can.
+        clock: by which the hosts go by themselves; None: the world asks them, in lock-step.
         nodes: the real node programs in place of our own parts.
         live: the port on loopback at which a page shows the fleet; None for no page.
     Returns: the summary, as in ``summary.json``.
@@ -165,54 +170,79 @@ def up(
         password = os.environ.get(PASSWORD) or secrets.token_urlsafe(32)
         token = secrets.token_urlsafe(32)
         endpoint = f"tcp/{address}:{free_port(address)}"
-        bus = stack.enter_context(Bus("world", listen=[endpoint]))  # left last: who ends takes leave of it
-        children = stack.enter_context(Children(hosts, {PASSWORD: password, TOKEN: token}, say))
+        playing = threading.Event()
+
+        def lost(_: str) -> None:
+            if not playing.is_set():  # the world would wait for it in vain
+                children.end(NAME)
+
+        children = stack.enter_context(Children(hosts, {PASSWORD: password, TOKEN: token}, say, lost))
         url = scenario.chain.url
         if url is None:
             listen = f"{address}:{free_port(address)}"
             url = f"http://skyrelay:{token}@{listen}"
-            children.start("chain", ["chain", "serve", "--state", str(folder / CHAIN), "--listen", listen])
+            children.start("chain", ["chain", "serve", "--state", str(folder / CHAIN), "--listen", listen], again=True)
             _wait_for_chain(url, children)
         places = _places(world, hosts, password, uav_hosts, coordinators, standby)
         accounts = _accounts(places)
-        founded = _on(world.scenario, url)
-        world = replace(world, scenario=without_credentials(_on(world.scenario, url)))
+        founded = on_chain(world.scenario, url)
+        world = replace(world, scenario=without_credentials(on_chain(world.scenario, url)))
         write_text(folder / SCENARIO, to_toml(world.scenario))
         consortium = stack.enter_context(Consortium(founded, folder, elsewhere=accounts, coordinators=coordinators))
         consortium.found()
-        chain = consortium.chain
-        if not isinstance(chain, NodeChain):
-            raise TypeError("a chain that has an address is a node's")
-        for place in places:
-            path = _write_config(place, world, consortium, hosts, url, endpoint, place.kind in elsewhere)
-            command = ["agent", place.kind, "--config", str(path)]
-            if place.kind == "uav" and is_code(scenario.coordination.policy):
-                command += ["--policy", scenario.coordination.policy]
-            if place.kind in elsewhere:
-                say(f"{place.name:<12} is waited for: skyrelay {' '.join(command)}")
-            else:
-                children.start(place.name, command, again=True)
+        files = [
+            _write_config(place, world, consortium, hosts, url, endpoint, place.kind in elsewhere, clock)
+            for place in places
+        ]
+
+        def start_hosts() -> None:
+            for place, path in zip(places, files, strict=True):
+                command = ["agent", place.kind, "--config", str(path)]
+                if place.kind == "uav" and is_code(scenario.coordination.policy):
+                    command += ["--policy", scenario.coordination.policy]
+                if place.kind in elsewhere:
+                    say(f"{place.name:<12} is waited for: skyrelay {' '.join(command)}")
+                else:
+                    children.start(place.name, command, again=True)
+
         watch = _write_watch(world, consortium, hosts, url, endpoint, accounts)
-        if live is not None:
-            children.start("live", ["live", "--config", str(watch), "--port", str(live)])
-            say(f"{'live':<12} http://{LOOPBACK}:{live}/")
-        run = Run(world, consortium.account)
-        members = {place.name: list(place.accounts().values()) for place in places}
-        run.hosts = remote = RemoteHosts(
-            bus, consortium.client.address, members, consortium.client, chain, run.hear, say, wait, speed
-        )
-        remote.gather(LATEST if elsewhere else START, children.check)
-        run.play(progress)
-        progress.stage("Record", 1)
-        summary = run.write(folder, consortium, begin)
+        file = hosts / f"{NAME}.toml"
+        settings = {
+            "folder": str(folder.resolve()),
+            "begun": begin,
+            "hosts": [place.name for place in places],
+            "accounts": accounts,
+            "parties": consortium.parties(),
+            "deciders": consortium.deciders(),
+            "gather": LATEST if elsewhere else START,
+            "wait": wait,
+            **({} if speed is None else {"speed": speed}),
+            **({} if clock is None else {"clock": clock.model_dump(exclude_defaults=True)}),
+        }
+        _write_world(file, settings, consortium, url, endpoint)
+        told = map(json.loads, children.follow(NAME, ["world", "--config", str(file)]))
+        try:
+            next(told)  # its end of the bus is there, which the hosts join by
+            start_hosts()
+            if live is not None:
+                children.start("live", ["live", "--config", str(watch), "--port", str(live)])
+                say(f"{'live':<12} http://{LOOPBACK}:{live}/")
+            for line in told:
+                if "say" in line:
+                    say(line["say"])
+                elif "stage" in line:
+                    playing.set()
+                    progress.stage(line["stage"], line["total"])
+                else:
+                    progress.advance(line["advance"])
+        except SkyRelayError:
+            for place in places:
+                if not playing.is_set():
+                    children.check(place.name)  # why the world was ended
+            raise
         finish(folder)
         write_manifest(folder, consortium.signer)
-    return summary
-
-
-def _on(scenario: ResolvedScenario, url: str) -> ResolvedScenario:
-    """The scenario on a chain at ``url``, with keys of this run only."""
-    return scenario.model_copy(update={"chain": scenario.chain.model_copy(update={"url": url, "keystore": None})})
+    return dict(read_summary(folder))
 
 
 @contextmanager
@@ -352,13 +382,21 @@ def _write_watch(
 
 
 def _write_config(
-    place: Place, world: World, consortium: Consortium, hosts: Path, url: str, bus: str, elsewhere: bool
+    place: Place,
+    world: World,
+    consortium: Consortium,
+    hosts: Path,
+    url: str,
+    bus: str,
+    elsewhere: bool,
+    clock: ClockConfig | None,
 ) -> Path:
     """The file that a place's process is started with."""
     store_url = world.scenario.store.url
     config = {
         "name": place.name,
         "scenario": "scenario.toml",
+        **({} if clock is None else {"clock": clock.model_dump(exclude_defaults=True)}),
         "area": asdict(world.law.grid),
         "chain": {
             "urls": url.split(","),
@@ -374,3 +412,19 @@ def _write_config(
     path = hosts / f"{place.name}.toml"
     write_text(path, tomli_w.dumps(config))
     return path
+
+
+def _write_world(file: Path, settings: dict[str, Any], consortium: Consortium, url: str, bus: str) -> None:
+    """The file that the world's process is started with."""
+    access = {
+        "urls": url.split(","),
+        "chain_id": consortium.chain.chain_id,
+        "contract": consortium.client.address,
+    }
+    tree = {
+        "scenario": str(file.with_name("scenario.toml").resolve()),
+        **settings,
+        "chain": access,
+        "bus": {"listen": [bus]},
+    }
+    write_text(file, tomli_w.dumps(tree))

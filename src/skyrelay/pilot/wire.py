@@ -68,7 +68,6 @@ class TickMessage(_Message):
 
     Attributes:
         phase, period, round, step, time: of the tick.
-        fixes: of the host's members, by address, where they are new to it.
         sent: how many beacons of this step others have sent on each topic (`topic`).
     """
 
@@ -77,11 +76,10 @@ class TickMessage(_Message):
     round: Count
     step: Count
     time: Number
-    fixes: dict[Address, FixMessage] = {}
     sent: dict[str, Count] = {}
 
     @classmethod
-    def of(cls, tick: Tick, fixes: Mapping[str, Fix], sent: Mapping[str, int]) -> TickMessage:
+    def of(cls, tick: Tick, sent: Mapping[str, int]) -> TickMessage:
         """A tick's."""
         return cls(
             phase=tick.phase.name,
@@ -89,7 +87,6 @@ class TickMessage(_Message):
             round=tick.round,
             step=tick.step,
             time=tick.time,
-            fixes={address: FixMessage.of(fix) for address, fix in fixes.items()},
             sent=dict(sent),
         )
 
@@ -103,7 +100,32 @@ class TickMessage(_Message):
             raise BusError("bus: phase", self.phase, f"one of: {', '.join(Phase.__members__)}")
         return Tick(Phase[self.phase], self.period, self.round, self.step, self.time)
 
-    def read_fixes(self) -> dict[str, Fix]:
+
+class WhereMessage(_Message):
+    """Asks the world where members are.
+
+    Attributes:
+        name: of the host that asks.
+    """
+
+    name: str
+    members: list[Address]
+
+
+class FixesMessage(_Message):
+    """What the receivers of members say.
+
+    Attributes:
+        fixes: by address.
+        time: by their clock [s since 1970].
+        begin: when the run begins, or began, where it goes by that clock [s since 1970].
+    """
+
+    fixes: dict[Address, FixMessage]
+    time: Number
+    begin: Number | None = None
+
+    def read(self) -> dict[str, Fix]:
         """The fixes."""
         return _fixes(self.fixes)
 
@@ -140,6 +162,19 @@ class Reply(_Message):
     def read_fixes(self) -> dict[str, Fix]:
         """The fixes."""
         return _fixes(self.fixes)
+
+
+class Report(_Message):
+    """What a host has done by itself.
+
+    Attributes:
+        name: of the host.
+        step: of the tick that it did it at.
+    """
+
+    name: str
+    step: Count
+    reply: Reply
 
 
 def _fixes(messages: Mapping[str, FixMessage]) -> dict[str, Fix]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 from skyrelay.airspace.maps import map_names
 from skyrelay.chain.accounts import Keyring
@@ -124,18 +125,6 @@ class Consortium:
         chain, party = self.chain, self.publisher if self._elsewhere else self.coordinator
         return lambda message: (party, chain.vouch(party, message))
 
-    @property
-    def embedded(self) -> bool:
-        """The chain is this process's own."""
-        return isinstance(self.chain, EmbeddedChain)
-
-    @property
-    def head(self) -> str:
-        """Hash of the latest block."""
-        if isinstance(self.chain, EmbeddedChain):
-            return self.chain.head
-        return str(self.chain.blocks([self.chain.block_number])[0]["hash"])
-
     def found(self) -> None:
         """Grant the roles, store every policy and register it by its CID."""
         client = self.client
@@ -153,9 +142,9 @@ class Consortium:
             calls.append(client.register_model(self.publisher, bytes(cid), chain_card(decider.card)))
         client.execute(calls)
 
-    def decided(self, cids: Iterable[str]) -> list[str]:
-        """What each of these CIDs names: a policy or a rule."""
-        return [self._names[cid] for cid in cids]
+    def deciders(self) -> dict[str, str]:
+        """The names of the policies and rules that are registered, by CID."""
+        return dict(self._names)
 
     def cid_of_model(self, model_id: str) -> Cid:
         """The CID that the contract holds for a model."""
@@ -169,6 +158,14 @@ class Consortium:
     ) -> None:
         if isinstance(self.chain, EmbeddedChain):
             self.chain.close()
+
+
+def chain_facts(chain: EmbeddedChain | NodeChain, contract: str) -> dict[str, Any]:
+    """What a run's summary says of its chain: the number of blocks, the hash of the latest, the contract, a node's chain id."""
+    number = chain.block_number
+    number_of = None if isinstance(chain, EmbeddedChain) else chain.chain_id
+    head = chain.head if isinstance(chain, EmbeddedChain) else str(chain.blocks([number])[0]["hash"])
+    return {"blocks": number, "chain_head": head, "contract": contract, "chain_id": number_of}
 
 
 def _open_chain(config: ChainConfig, folder: Path) -> tuple[EmbeddedChain | NodeChain, Keyring | None]:

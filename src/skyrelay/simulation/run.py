@@ -32,7 +32,7 @@ from skyrelay.runfolder.manifest import write_manifest
 from skyrelay.runfolder.writer import write_summary
 from skyrelay.selection import select
 from skyrelay.selection.methods import require_method
-from skyrelay.simulation.consortium import Consortium
+from skyrelay.simulation.consortium import Consortium, chain_facts
 from skyrelay.simulation.ledger import Ledger
 from skyrelay.simulation.record import Record
 from skyrelay.simulation.team import METHOD_SECONDS, Team
@@ -113,7 +113,8 @@ def play(
         run.events += [(0, event) for event in consortium.client.events()]
         run.play(progress)
         progress.stage("Record", 1)
-        summary = run.write(folder, consortium, begin)
+        facts = chain_facts(consortium.chain, consortium.client.address)
+        summary = run.write(folder, consortium.parties(), consortium.deciders(), facts, begin)
         finish(folder)
         write_manifest(folder, consortium.signer)
     return summary
@@ -327,18 +328,29 @@ class Run:
     def _name_of(self, address: str) -> str:
         return self.world.fleet.ids[self.uav_row[address]]
 
-    def write(self, folder: Path, consortium: Consortium, begin: float) -> dict[str, Any]:
-        """Write the tables and the summary, and return this; ``begin`` is when the run began (`time.monotonic`)."""
-        accounts = {"party": consortium.parties(), "vehicle": self.vehicles, "uav": self.uavs}
+    def write(
+        self,
+        folder: Path,
+        parties: Mapping[str, str],
+        deciders: Mapping[str, str],
+        facts: Mapping[str, Any],
+        begin: float,
+    ) -> dict[str, Any]:
+        """Write the tables and the summary, and return this.
+
+        Args:
+            parties: addresses of those with a role, by name.
+            deciders: names of the policies and rules that UAVs may have flown by, by CID.
+            facts: of the chain (`chain_facts`).
+            begin: when the run began (`time.monotonic`).
+        """
+        accounts = {"party": dict(parties), "vehicle": self.vehicles, "uav": self.uavs}
         self.written.streets(self.world.streets)
         self.written.write(folder, self.events, accounts)
         summary = self.summary()
         summary |= {
-            "decided_by": consortium.decided(summary["model_cids"]),
-            "blocks": consortium.chain.block_number,
-            "chain_head": consortium.head,
-            "contract": consortium.client.address,
-            "chain_id": None if consortium.embedded else consortium.chain.chain_id,
+            "decided_by": [deciders[cid] for cid in summary["model_cids"]],
+            **facts,
             "wall_seconds": round(time.monotonic() - begin, 3),
         }
         write_summary(folder, summary)
