@@ -91,7 +91,7 @@ class Up:
         return found
 
     def wait_for_block(self, number):
-        file = self.hosts / "uavs.toml"
+        file = self.hosts / "coordinator.toml"
         self.wait_for(lambda: self.pid("coordinator") and file.is_file())
         url = json.loads(re.search(r"urls = (\[[^\]]*\])", file.read_text())[1].replace(",\n", "\n"))[0]
         ask = [{"jsonrpc": "2.0", "id": 1, "method": "eth_blockNumber", "params": []}]

@@ -190,17 +190,16 @@ def up(
         write_text(folder / SCENARIO, to_toml(world.scenario))
         consortium = stack.enter_context(Consortium(founded, folder, elsewhere=accounts, coordinators=coordinators))
         consortium.found()
-        files = [
-            _write_config(place, world, consortium, hosts, url, endpoint, place.kind in elsewhere, clock)
-            for place in places
-        ]
 
         def start_hosts() -> None:
-            for place, path in zip(places, files, strict=True):
+            # Their files come now, since who starts a host by hand may wait for its file alone.
+            for place in places:
+                there = place.kind in elsewhere
+                path = _write_config(place, world, consortium, hosts, url, endpoint, there, clock)
                 command = ["agent", place.kind, "--config", str(path)]
                 if place.kind == "uav" and is_code(scenario.coordination.policy):
                     command += ["--policy", scenario.coordination.policy]
-                if place.kind in elsewhere:
+                if there:
                     say(f"{place.name:<12} is waited for: skyrelay {' '.join(command)}")
                 else:
                     children.start(place.name, command, again=True)
