@@ -370,7 +370,7 @@ def work(host: Host, radio: Radio, tick: Tick, sent_by_others: Mapping[str, int]
         sent_by_others: beacons of this step on each topic, which are waited for.
     """
     flown = receivers.flown
-    host.tell(receivers.fixes(tick.step))
+    host.tell(receivers.fixes(tick))
     if tick.phase is Phase.DECIDE:
         host.hear(radio.take(tick.time, sent_by_others))
     host.tick(tick)

@@ -12,7 +12,7 @@ from skyrelay.pilot.bus import Bus
 from skyrelay.pilot.flown import FlownUav
 from skyrelay.pilot.position import PositionSource
 from skyrelay.pilot.wire import FixesMessage, FixMessage, WhereMessage, decode
-from skyrelay.protocol.messages import Fix
+from skyrelay.protocol.messages import Fix, Phase, Tick
 
 ANSWER = 10.0
 """A world that does not say for so long where members are leaves them without news [s]."""
@@ -82,17 +82,21 @@ class Receivers:
         self._own: Mapping[str, PositionSource] = {**own, **flown}
         self._bus, self._key = bus, sky_key(contract)
         self._name, self._members = name, [member for member in members if member not in self._own]
-        self._told = -1
+        self._told: tuple[int, bool] | None = None
 
-    def fixes(self, step: int) -> dict[str, Fix]:
-        """What is new, by address: of the world's, once a step; nothing of those whom it does not answer for."""
+    def fixes(self, tick: Tick) -> dict[str, Fix]:
+        """What is new, by address; nothing of those whom the world does not answer for.
+
+        The world is asked once a step, and once when members land: by the clock on the wall the step may just begin.
+        """
+        moment = (tick.step, tick.phase is Phase.LAND)
         own = {address: source.fix() for address, source in self._own.items()}
-        if step == self._told or not self._members:
+        if moment == self._told or not self._members:
             return own
         answer = self._ask(self._members)
         if answer is None:
             return own
-        self._told = step
+        self._told = moment
         return answer.read() | own
 
     def time(self) -> float | None:

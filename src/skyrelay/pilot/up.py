@@ -172,8 +172,8 @@ def up(
         endpoint = f"tcp/{address}:{free_port(address)}"
         playing = threading.Event()
 
-        def lost(_: str) -> None:
-            if not playing.is_set():  # the world would wait for it in vain
+        def lost(name: str) -> None:
+            if name != "live" and not playing.is_set():  # the world would wait for it in vain
                 children.end(NAME)
 
         children = stack.enter_context(Children(hosts, {PASSWORD: password, TOKEN: token}, say, lost))

@@ -161,11 +161,11 @@ class Consortium:
 
 
 def chain_facts(chain: EmbeddedChain | NodeChain, contract: str) -> dict[str, Any]:
-    """What a run's summary says of its chain: the number of blocks, the hash of the latest, the contract, a node's chain id."""
+    """What a run's summary says of its chain; the id is None on the embedded one."""
     number = chain.block_number
-    number_of = None if isinstance(chain, EmbeddedChain) else chain.chain_id
+    chain_id = None if isinstance(chain, EmbeddedChain) else chain.chain_id
     head = chain.head if isinstance(chain, EmbeddedChain) else str(chain.blocks([number])[0]["hash"])
-    return {"blocks": number, "chain_head": head, "contract": contract, "chain_id": number_of}
+    return {"blocks": number, "chain_head": head, "contract": contract, "chain_id": chain_id}
 
 
 def _open_chain(config: ChainConfig, folder: Path) -> tuple[EmbeddedChain | NodeChain, Keyring | None]:
