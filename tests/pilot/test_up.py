@@ -19,7 +19,7 @@ def test_processes_in_lock_step_decide_what_one_process_decides(run_folder, tmp_
     one, many = decided(run_folder), decided(tmp_path / "up")
     for table in one:
         assert many[table] == one[table], table
-    assert len(re.findall(r"^\w+ +process \d+", lines, re.MULTILINE)) == 5
+    assert len(re.findall(r"^\w+ +process \d+", lines, re.MULTILINE)) == 6
     assert "3 periods" in told
     assert not list((tmp_path / "up-hosts").glob("*.keystore"))
     audit = skyrelay("audit", tmp_path / "up", stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
