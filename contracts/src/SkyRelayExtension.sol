@@ -563,9 +563,10 @@ contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP7
                 || payment > MAX_PAYMENT
         ) return false;
         (ProposalStatus status,) = _status(v);
+        bool moves = v.vehicleZone() != u.uavZone();
         v = v.withInfo(MemberLibrary.vehicleInfo(x, y, payment, u.uavZone(), v));
         // One that comes back to a zone comes back to what was decided there.
-        if (status == ProposalStatus.None) (status,) = _status(v);
+        if (moves && status == ProposalStatus.None) (status,) = _status(v);
         return _propose(vehicle, v, status, uav, u, demand, round).length == 0;
     }
 

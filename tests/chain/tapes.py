@@ -97,7 +97,7 @@ def record(consensus: str) -> None:
 
 
 if __name__ == "__main__":
-    qbft = devnet._genesis
+    qbft = devnet.genesis_of
     for kind in CONSENSUS:
-        devnet._genesis = ibft if kind == "ibft" else qbft
+        devnet.genesis_of = ibft if kind == "ibft" else qbft
         record(kind)
