@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.sparse.csgraph import minimum_spanning_tree
 
 from skyrelay.airspace.flight import connectivity, links, move
-from skyrelay.airspace.guard import safe_moves, spanning_tree, too_far
+from skyrelay.airspace.guard import keep_apart, safe_moves, spanning_tree, too_far
 
 REACH, STEP = np.asarray(0.4), np.asarray(0.05)
 
@@ -100,3 +100,28 @@ def test_the_same_compiled():
         expected = safe_moves(places, active, np.float32(0.4), np.float32(0.05))
         found = jax.jit(safe_moves)(*map(jnp.asarray, (places, active, np.float32(0.4), np.float32(0.05))))
         np.testing.assert_array_equal(found, expected)
+
+
+@settings(max_examples=200, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), uavs=st.integers(2, 8), crowded=st.booleans())
+def test_whatever_each_chooses_no_two_come_nearer_than_the_separation(seed, uavs, crowded):
+    random = np.random.default_rng(seed)
+    places, separation = random.uniform(0, 0.1 if crowded else 1.0, (uavs, 2)), 0.08
+    pairs = np.triu_indices(uavs, 1)
+    for _ in range(8):
+        before = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1))[pairs]
+        ends = []
+        for own in range(uavs):
+            reached = move(np.tile(places[own], (9, 1)), np.arange(9), STEP)
+            free = keep_apart(reached, places[own], np.delete(places, own, axis=0), separation)
+            assert free[0]  # staying is always one
+            ends.append(reached[random.choice(np.flatnonzero(free))])
+        places = np.array(ends)
+        after = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1))[pairs]
+        assert (after >= np.minimum(before, separation) * (1 - 2e-5)).all()
+
+
+def test_who_is_in_another_s_way_is_kept_from_its_side_alone():
+    places, own, other = np.array([[0.1, 0.0], [-0.1, 0.0], [0.0, 0.1]]), np.zeros(2), np.array([[0.2, 0.0]])
+    assert keep_apart(places, own, other, 0.1).tolist() == [False, True, True]
+    assert keep_apart(places, own, own[None], 0.1).all()  # in one place: whoever leaves, leaves

@@ -1,32 +1,33 @@
-"""Where a UAV may fly that comes from another zone."""
+"""What a scenario says of an area's law."""
 
 import numpy as np
 import pytest
 
-from skyrelay.airspace.flight import STAY, move
 from skyrelay.airspace.law import Law
-from skyrelay.core.scenario import Energy
+from skyrelay.core.resolved import resolve
+from skyrelay.core.scenario import load_scenario
 from skyrelay.core.zones import ZoneGrid
 
-LAW = Law(
-    ZoneGrid(0.0, 0.0, 1000.0, 2, 2), reach=500.0, speed=30.0, seconds=2.0, energy=Energy(), walls=None, patience=10.0
+GRID = ZoneGrid(0.0, 0.0, 1000.0, 1, 1)
+
+
+def law(*overrides):
+    return Law.of(resolve(load_scenario("bologna", list(overrides)), GRID), GRID)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "separation"),
+    [((), 0.0), (("radio.model=tr36777",), 30.0), (("fleet.separation=12.5",), 12.5)],
 )
+def test_uavs_keep_apart_where_the_radio_is_real_or_the_scenario_says_so(overrides, separation):
+    assert law(*overrides).separation == separation
 
 
-def test_inside_its_zone_a_uav_is_fenced_by_the_zone_alone():
-    low, high = LAW.fence(2, np.array([1200.0, 300.0]))
-    assert low.tolist() == [1000.0, 0.0]
-    assert high.tolist() == [2000.0, 1000.0]
-    assert LAW.way_in(2, (1200.0, 300.0)) is None
-
-
-@pytest.mark.parametrize("place", [(120.0, 700.0), (990.0, 1800.0), (1500.0, 1999.0)])
-def test_from_another_zone_it_flies_in_without_a_jump(place):
-    here, steps = np.array([place]), 0
-    while (action := LAW.way_in(2, tuple(here[0]))) is not None:
-        assert action != STAY
-        end = move(here, np.array([action]), np.array(LAW.stride), *LAW.fence(2, here[0]))
-        assert 0.0 < np.hypot(*(end - here)[0]) <= LAW.stride + 1e-3
-        here, steps = end, steps + 1
-        assert steps < 40
-    assert LAW.grid.zone_of(here[:, 0], here[:, 1])[0] == 2
+def test_an_action_that_ends_too_near_to_another_is_replaced_by_the_nearest_that_does_not():
+    area, other = law("radio.model=air-to-ground"), np.array([[560.0, 500.0]])
+    east = 8
+    assert area.stride == 60.0
+    assert law().apart(east, 1, (500.0, 500.0), other) == east
+    assert area.apart(east, 1, (500.0, 500.0), np.array([[700.0, 500.0]])) == east
+    assert area.apart(4, 1, (500.0, 500.0), other) == 4  # west is free
+    assert area.apart(east, 1, (500.0, 500.0), other) == 0

@@ -67,6 +67,30 @@ def safe_moves(uavs: Any, active: Any, reach: Any, step: Any) -> Any:
     return away <= xp.where(least > 0.0, least + TOLERANCE * step, least)
 
 
+def keep_apart(places: Any, own: Any, others: Any, separation: float) -> Any:
+    """[P] the places of a UAV at which it is far enough from all others, whatever each of them does by the same rule.
+
+    Each keeps to its own side of the line midway to another, by half of the separation (the buffered Voronoi cells of
+    Zhou et al. 2017). Of two that are nearer to each other already, neither comes nearer; where it is may always stay.
+
+    Args:
+        places: [P, 2] to choose from.
+        own: [2] where the UAV is.
+        others: [M, 2].
+        separation: in the unit of the positions.
+    Source: D. Zhou, Z. Wang, S. Bandyopadhyay, M. Schwager, "Fast, on-line collision avoidance for dynamic vehicles
+    using buffered Voronoi cells", IEEE Robotics and Automation Letters 2(2), 2017.
+    """
+    xp = own.__array_namespace__()
+    away = own - others
+    apart = xp.sqrt(xp.sum(away * away, axis=-1))
+    # Two in one place have no line between them.
+    across = away / xp.where(apart > 0.0, apart, xp.ones_like(apart))[:, None]
+    held = xp.sum((places[:, None, :] - 0.5 * (own + others)) * across, axis=-1)
+    least = 0.5 * xp.minimum(apart, xp.full_like(apart, separation))
+    return xp.all(held >= least * (1.0 - HAIR), axis=-1)
+
+
 def _distance(one: Any, other: Any) -> Any:
     xp = one.__array_namespace__()
     x, y = (one[..., axis] - other[..., axis] for axis in (0, 1))

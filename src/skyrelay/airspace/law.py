@@ -8,12 +8,16 @@ import numpy as np
 
 from skyrelay.airspace.charge import Cost
 from skyrelay.airspace.flight import ACTIONS, move
+from skyrelay.airspace.guard import keep_apart
 from skyrelay.airspace.network import Network
 from skyrelay.airspace.rotor import rated
 from skyrelay.core.entities import FloatArray
 from skyrelay.core.resolved import ResolvedScenario
 from skyrelay.core.scenario import Energy
 from skyrelay.core.zones import ZoneGrid
+
+SEPARATION = 30.0
+"""What UAVs keep where nothing else is said and the radio is no disc [m]."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,7 @@ class Law:
             `skyrelay.airspace.flight`); None on open ground.
         patience: beyond this age a beacon no longer counts [s].
         network: what links carry; by default the paper's disc without gateways.
+        separation: least distance that UAVs of a zone keep [m].
     """
 
     grid: ZoneGrid
@@ -40,6 +45,7 @@ class Law:
     walls: FloatArray | None
     patience: float
     network: Network = field(default_factory=Network)
+    separation: float = 0.0
 
     @classmethod
     def of(cls, scenario: ResolvedScenario, grid: ZoneGrid) -> Law:
@@ -60,6 +66,7 @@ class Law:
             walls=sides,
             patience=coordination.patience,
             network=Network.of(scenario, fleet.range, sides),
+            separation=_separation(scenario),
         )
 
     @property
@@ -93,6 +100,15 @@ class Law:
         ends = move(np.tile(here, (ACTIONS, 1)), np.arange(ACTIONS), np.array(self.stride), *self.fence(zone, here))
         return int(np.hypot(*(ends - goal).T).argmin())
 
+    def apart(self, action: int, zone: int, place: tuple[float, float], others: FloatArray) -> int:
+        """The action, or where it ends too near to the others [M, 2] the one that ends nearest to it and does not."""
+        if not self.separation or not len(others):
+            return action
+        here = np.array(place)
+        ends = move(np.tile(here, (ACTIONS, 1)), np.arange(ACTIONS), np.array(self.stride), *self.fence(zone, here))
+        free = keep_apart(ends, here, others, self.separation)
+        return action if free[action] else int(np.where(free, np.hypot(*(ends - ends[action]).T), np.inf).argmin())
+
     def charger(self, zone: int) -> tuple[float, float, float] | None:
         """Where a zone's charging point is and how far it reaches [m]; None where there are none."""
         if self.energy.charge_per_minute <= 0:
@@ -110,3 +126,10 @@ class Law:
         near = (ends.max(axis=1) >= corner) & (ends.min(axis=1) <= corner + self.grid.side)
         walls: FloatArray = self.walls[near.all(axis=1)]
         return walls
+
+
+def _separation(scenario: ResolvedScenario) -> float:
+    told = scenario.fleet.separation
+    if told is None:
+        return 0.0 if scenario.radio.model == "disc" else SEPARATION
+    return told

@@ -177,6 +177,9 @@ class Fleet(_Section):
         None, description="of the UAV-vehicle and the UAV-UAV link [m]; left out: half a zone's side"
     )
     speed: Annotated[Speed, Field(gt=0)] = Field(30.0, description="[m/s]")
+    separation: Annotated[Real, Field(ge=0, le=10_000)] | None = Field(
+        None, description="least distance that UAVs of a zone keep [m]; left out: 30, and 0 where radio.model is disc"
+    )
     altitude: Annotated[Real, Field(ge=0, le=UINT16)] = Field(100.0, description="[m]; ranges are horizontal")
     bandwidth: BandwidthBounds = Field((0.0, 20.0), description="available bandwidth, uniform between [Mbit/s]")
     battery: PercentBounds = Field((1.0, 100.0), description="at the start, uniform between [%]")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import ClassVar
 
+import numpy as np
+
 from skyrelay.airspace.law import Law
 from skyrelay.airspace.sight import Sight
 from skyrelay.chain.abi import Event
@@ -80,6 +82,7 @@ class UavAgent(Agent):
         self._vehicles: Sequence[str] = ()
         self._team: set[str] = set()
         self._beacons: dict[str, Beacon] = {}
+        self._time = 0.0
         self._decisions = 0  # since it was last selected
 
     @property
@@ -106,7 +109,7 @@ class UavAgent(Agent):
             case Beacon():
                 self._note_beacon(message)
             case Decided(action):
-                return (Move(action),)
+                return (Move(self._apart(action)),)
             case Event():
                 return self._hear(message)
             case StationRead(zone):
@@ -124,6 +127,7 @@ class UavAgent(Agent):
     # The clock
 
     def _at(self, tick: Tick) -> Sequence[Command]:
+        self._time = tick.time
         match tick.phase:
             case Phase.JOIN | Phase.REPORT if self.state is UavState.NEW:
                 return self._report(RegisterUav, self._station)
@@ -141,7 +145,7 @@ class UavAgent(Agent):
                     return (*self._beacon(tick.time), ReadModel(self._model))
                 return self._beacon(tick.time)
             case Phase.DECIDE if (way := self._way_in()) is not None:
-                return (Move(way),)
+                return (Move(self._apart(way)),)
             case Phase.DECIDE if self.state is UavState.FLYING and self.policy is not None:
                 place = self._fix.position  # without one it hovers: it may be anywhere
                 if place is None:
@@ -152,6 +156,15 @@ class UavAgent(Agent):
                 if self.policy.seeks and self._model is not None and self._fix.position is not None:
                     return (Decide(self.policy, self._sight(self._fix.position, tick.time)),)
         return ()
+
+    def _apart(self, action: int) -> int:
+        """What has been decided, but for coming too near to another UAV of the zone that it heard lately."""
+        if self._fix.position is None:
+            return action
+        uavs = [sender for sender, beacon in self._beacons.items() if beacon.to is None and not beacon.asks]
+        heard = self._last_of([sender for sender in uavs if sender != self.address], self._time)
+        places = [beacon.position for beacon in heard if beacon.position is not None]
+        return self._law.apart(action, self._zone, self._fix.position, np.array(places).reshape(-1, 2))
 
     def _way_in(self) -> int | None:
         """Of a UAV that comes from another zone: the action that brings it nearest to its own; None inside it."""
