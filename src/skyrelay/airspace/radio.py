@@ -312,9 +312,12 @@ class Air:
         """
         xp = uavs.__array_namespace__()
         own = owner[..., None, :] == xp.arange(uavs.shape[-2])[:, None]
-        received = self.received(uavs, vehicles, own, seen)
         on = xp.ones(uavs.shape[:-1], dtype=xp.bool) if sending is None else sending
-        ratio = sinr(received, owner, channel, on, noise(self.radio.bandwidth * 1e6, self.radio.noise_figure))
+        return self.of_received(self.received(uavs, vehicles, own, seen), owner, channel, on)
+
+    def of_received(self, received: Any, owner: Any, channel: Any, sending: Any) -> Any:
+        """[..., V] the same from the powers of `received`."""
+        ratio = sinr(received, owner, channel, sending, noise(self.radio.bandwidth * 1e6, self.radio.noise_figure))
         return spectral_efficiency(ratio, self.radio.efficiency, 10.0 ** (self.radio.least_sinr / 10.0))
 
     def backhaul(self, across: Any, height: float | None) -> Any:

@@ -5,6 +5,7 @@ A function of a state beside the game: who does not ask for it pays nothing. `ja
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -45,8 +46,11 @@ def serve(
         seen = None
         if parameters.walls is not None:
             seen = in_sight(vehicles, of_owner(state.uavs, owner), parameters.walls[None])
-        efficiency = air.efficiency(uavs, ground, held, rows % air.radio.channels, seen, sending)
+        # Kept apart: the compiler would work a link's loss out again for each sum that it goes into.
+        received = jax.lax.optimization_barrier(air.received(uavs, ground, held[None] == rows[:, None], seen))
+        efficiency = jax.lax.optimization_barrier(air.of_received(received, held, rows % air.radio.channels, sending))
         carried = service.carried(demand, held, efficiency, air.radio.bandwidth * 1e6, available)
+    carried = jax.lax.optimization_barrier(carried)
     if not network.gateways:
         return carried, jnp.sum(carried)
     graph = links(state.uavs, parameters.reach, flying) & ~jnp.eye(uavs.shape[0], dtype=bool)
@@ -63,7 +67,8 @@ def serve(
     ways = jnp.where((away <= side * parameters.reach) & flying[:, None], down, 0.0)
     capacity = jnp.asarray([gateway.capacity * 1000.0 for gateway in network.gateways])
     brought = service.of_uavs(carried, owner, uavs.shape[0])
-    return carried, service.delivered_bound(brought, jnp.where(graph, rate, 0.0), ways, capacity)
+    between, ways = jax.lax.optimization_barrier((jnp.where(graph, rate, 0.0), ways))
+    return carried, service.delivered_bound(brought, between, ways, capacity)
 
 
 def _distance(one: Array, other: Array) -> Array:
