@@ -5,6 +5,9 @@ A function of a state beside the game: who does not ask for it pays nothing. `ja
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -13,6 +16,9 @@ from skyrelay.airspace import service
 from skyrelay.airspace.flight import in_sight, links, of_owner, served
 from skyrelay.airspace.network import Network
 from skyrelay.coordination.game import State
+
+_once: Callable[[Any], Any] = jax.lax.optimization_barrier
+"""What goes through it is worked out before what goes on from there."""
 
 
 def serve(
@@ -47,10 +53,10 @@ def serve(
         if parameters.walls is not None:
             seen = in_sight(vehicles, of_owner(state.uavs, owner), parameters.walls[None])
         # Kept apart: the compiler would work a link's loss out again for each sum that it goes into.
-        received = jax.lax.optimization_barrier(air.received(uavs, ground, held[None] == rows[:, None], seen))
-        efficiency = jax.lax.optimization_barrier(air.of_received(received, held, rows % air.radio.channels, sending))
+        received = _once(air.received(uavs, ground, held[None] == rows[:, None], seen))
+        efficiency = _once(air.of_received(received, held, rows % air.radio.channels, sending))
         carried = service.carried(demand, held, efficiency, air.radio.bandwidth * 1e6, available)
-    carried = jax.lax.optimization_barrier(carried)
+    carried = _once(carried)
     if not network.gateways:
         return carried, jnp.sum(carried)
     graph = links(state.uavs, parameters.reach, flying) & ~jnp.eye(uavs.shape[0], dtype=bool)
@@ -67,7 +73,7 @@ def serve(
     ways = jnp.where((away <= side * parameters.reach) & flying[:, None], down, 0.0)
     capacity = jnp.asarray([gateway.capacity * 1000.0 for gateway in network.gateways])
     brought = service.of_uavs(carried, owner, uavs.shape[0])
-    between, ways = jax.lax.optimization_barrier((jnp.where(graph, rate, 0.0), ways))
+    between, ways = _once((jnp.where(graph, rate, 0.0), ways))
     return carried, service.delivered_bound(brought, between, ways, capacity)
 
 
