@@ -25,7 +25,7 @@ $(CORE): pyproject.toml constraints.txt
 	@touch $@
 
 $(READY): $(CORE)
-	@echo "Installing what training, the tests and the linters need into $(VENV) (0.9 GB more)"
+	@echo "Installing what training, the tests and the linters need into $(VENV) (1.3 GB more)"
 	$(INSTALL) --constraint constraints.txt --editable ".[dev]"
 	@touch $@
 
