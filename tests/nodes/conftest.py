@@ -87,6 +87,12 @@ def private_node(home: Path, swarm_key: str) -> KuboNode:
     return node
 
 
+@pytest.fixture
+def idle_node(tmp_path: Path) -> KuboNode:
+    """A Kubo node's repository, without a daemon."""
+    return private_node(tmp_path / "idle", secrets.token_hex(32))
+
+
 @pytest.fixture(scope="module")
 def swarm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[KuboNode, KuboNode]]:
     """Two connected Kubo nodes."""

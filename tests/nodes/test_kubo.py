@@ -53,8 +53,8 @@ def test_kubo_and_the_local_store_give_the_known_address_and_the_same_bytes(swar
         assert StoredModel(cid, size) in store.models()
 
 
-def test_kubo_itself_gives_the_same_addresses_under_the_profile_that_ours_name(tmp_path):
-    node = private_node(tmp_path / "profiled", secrets.token_hex(32))
+def test_kubo_itself_gives_the_same_addresses_under_the_profile_that_ours_name(tmp_path, idle_node):
+    node = idle_node
     node.run("config", "profile", "apply", PROFILE)
     for size in (*map(int, KNOWN), LINKS_PER_NODE * CHUNK_BYTES + 1):  # the last: one leaf more than a node links to
         path = tmp_path / "model"
