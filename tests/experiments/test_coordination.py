@@ -1,10 +1,12 @@
 import json
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pytest
 
 from skyrelay.coordination.settings import Shape, physical
+from skyrelay.core.statistics import Interval
 from skyrelay.experiments.claims import CLAIMS
 from skyrelay.experiments.coordination import BASELINES, GENERALIST, experiment, render
 from skyrelay.experiments.coordination_findings import findings
@@ -18,6 +20,7 @@ from skyrelay.experiments.coordination_tasks import (
     learn,
     play_baseline,
 )
+from skyrelay.experiments.plotting import panels, points
 from skyrelay.learning.evaluation import MEASURES, policy_episodes, starts, unseen_key
 from skyrelay.policy import Policy
 
@@ -179,3 +182,16 @@ def test_a_shipped_policy_flies_the_same_episodes():
     games = starts(unseen_key(EVALUATION_SEED), 4, Shape(3, 5, n=11, zoom=3), physical((3, 3), (5, 5)))
     measures = policy_episodes(Policy.builtin(GENERALIST), games)
     assert [[row[name] for name in MEASURES] for row in flown] == measures.T.tolist()
+
+
+def test_points_of_shares_stay_within_one_and_beside_each_other():
+    _, (axis,) = panels(1, 1, "")
+    values = [Interval(0.99, 0.97, 1.01, 5), Interval(1.0, 1.0, 1.0, 5)]
+    for style, shift in ((0, -1.0), (1, 1.0)):
+        points(axis, [5, 10], values, f"method {style}", style, shift)
+    bars = [container[2][0].get_segments() for container in axis.containers]
+    for segments, shift in zip(bars, (-1.0, 1.0), strict=True):
+        ends = np.array(segments)
+        np.testing.assert_allclose(ends[:, :, 0], [[5 + shift] * 2, [10 + shift] * 2])
+        np.testing.assert_allclose(ends[0, :, 1], [0.97, 1.0])
+        assert ends[:, :, 1].max() <= 1.0

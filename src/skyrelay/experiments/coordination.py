@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from skyrelay.experiments.coordination_findings import findings
 from skyrelay.experiments.coordination_results import Results
 from skyrelay.experiments.coordination_tasks import CENTRALIZED, OURS
 from skyrelay.experiments.figures import FigureSpec, Rendered, Scale
-from skyrelay.experiments.plotting import line, panels, save
+from skyrelay.experiments.plotting import line, panels, points, save
 from skyrelay.experiments.runner import Experiment, Task
 from skyrelay.store.cid import cid_of
 
@@ -158,14 +159,15 @@ def _draw_measures(results: Results, folder: Path) -> list[Path]:
     """Teams of random size, each network flown with the number of vehicles that it was trained for."""
     numbers = results.experiment_numbers
     sizes = f"{min(results.uavs)} to {max(results.uavs)}"
-    figure, axes = panels(len(numbers), len(MEASURES), f"Teams of {sizes} UAVs at random; 95 % intervals")
+    figure, axes = panels(len(numbers), len(MEASURES), f"Teams of {sizes} UAVs at random; 95 % intervals to 1")
     cells = iter(axes)
     for number in numbers:
         for measure, label in MEASURES:
             axis = next(cells)
             for style, method in enumerate(SHOWN):
                 values = [results.experiments(method, vehicles, measure, number) for vehicles in results.vehicles]
-                line(axis, results.vehicles, values, method, style, faint=style > 1)
+                points(axis, results.vehicles, values, method, style, _beside(style, len(SHOWN), results.vehicles))
+            _fit(axis, top=1.005)
             axis.set_xticks(results.vehicles)
             axis.set_xlabel("vehicles")
             axis.set_ylabel(label)
@@ -177,19 +179,26 @@ def _draw_measures(results: Results, folder: Path) -> list[Path]:
 def _draw_measures_compared(results: Results, folder: Path) -> list[Path]:
     """Teams of 2 and 3: both methods trained with 20 vehicles, flown with each number."""
     number, most = max(results.experiment_numbers), max(results.vehicles)
-    title = f"Teams of 2 and 3 UAVs, trained with {most} vehicles; {number} experiments a point, 95 % intervals"
+    title = f"Teams of 2 and 3 UAVs, trained with {most} vehicles; {number} experiments a point, 95 % intervals to 1"
     figure, axes = panels(1, len(MEASURES), title)
     for axis, (measure, label) in zip(axes, MEASURES, strict=True):
         for style, method in enumerate((OURS, CENTRALIZED, "pso-placed", "pso-10")):
             values = [
                 results.experiments(method, vehicles, measure, number, COMPARED, most) for vehicles in results.vehicles
             ]
-            line(axis, results.vehicles, values, method, style, faint=style > 1)
+            points(axis, results.vehicles, values, method, style, _beside(style, 4, results.vehicles))
+        _fit(axis, top=1.005)
         axis.set_xticks(results.vehicles)
         axis.set_xlabel("vehicles")
         axis.set_ylabel(label)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
     return save(figure, folder, "coverage-connectivity-centralised")
+
+
+def _beside(style: int, count: int, ticks: Sequence[float]) -> float:
+    """How far from its tick the one of several methods is drawn: all of them together take a third of the way."""
+    apart = min((b - a for a, b in pairwise(sorted(ticks))), default=1.0)
+    return (style - (count - 1) / 2) * apart / (3 * max(count - 1, 1))
 
 
 def _draw_steps(results: Results, folder: Path) -> list[Path]:

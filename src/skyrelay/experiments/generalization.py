@@ -140,7 +140,7 @@ def _draw(rows: Sequence[Row], folder: Path) -> list[Path]:
     sizes = _settings(rows, "sizes")
     for measure, label in MEASURES:
         axis = next(cells)
-        axis.axhspan(-1.0, 1.0, color="grey", alpha=0.2, linewidth=0)
+        axis.axhspan(-1.0, 1.0, color="grey", alpha=0.2, linewidth=0, label="within 1 point")
         for style, vehicles in enumerate(sorted({size[1] for size in sizes})):
             uavs = sorted({size[0] for size in sizes})
             values = [differences(rows, "sizes", number, vehicles, 2.0, measure) for number in uavs]

@@ -43,6 +43,30 @@ def line(axis: Axes, x: Sequence[float], y: Sequence[Interval], label: str, styl
     axis.fill_between(x, [value.low for value in y], [value.high for value in y], color=color, alpha=0.15, linewidth=0)
 
 
+def points(axis: Axes, x: Sequence[float], y: Sequence[Interval], label: str, style: int, shift: float) -> None:
+    """Means of shares with a bar each for their intervals, beside those of other labels.
+
+    A share is no more than 1: Student's intervals of shares near 1 are cut off there.
+
+    Args:
+        shift: along the axis, so that equal values do not hide each other.
+    """
+    low = [value.mean - max(value.low, 0.0) for value in y]
+    high = [min(value.high, 1.0) - value.mean for value in y]
+    axis.errorbar(
+        [at + shift for at in x],
+        [value.mean for value in y],
+        yerr=[low, high],
+        color=COLORS[style % len(COLORS)],
+        marker=MARKERS[style % len(MARKERS)],
+        markersize=4,
+        linewidth=0.8,
+        elinewidth=1.4,
+        capsize=2,
+        label=label,
+    )
+
+
 def save(figure: Figure, folder: Path, stem: str) -> list[Path]:
     """Write ``stem.pdf`` and ``stem.png``; equal figures give equal files."""
     written = []
