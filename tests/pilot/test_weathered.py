@@ -114,4 +114,3 @@ def test_uavs_that_were_away_are_told_and_fly_again(tmp_path):
     finally:
         up.stop()
     once(decided(up.folder))
-    audited(up.folder)

@@ -18,7 +18,7 @@ from skyrelay.pilot.standby import Standby
 from skyrelay.pilot.timetable import Due, Timetable
 from skyrelay.pilot.wire import Report, decode
 from skyrelay.protocol.host import Host
-from skyrelay.protocol.messages import Fix, Tick
+from skyrelay.protocol.messages import Fix, Phase, Tick
 
 TOLERATED = 0.25
 """A clock further off than this is told, and set right by what receivers say [s]."""
@@ -168,6 +168,9 @@ class FreeHosts(HostsElsewhere):
 
     def tick(self, tick: Tick, timestamp: int) -> None:  # noqa: ARG002  (a network has its own clock)
         """Wait until the time of a tick is over; what hosts have done by then is what they did."""
+        if tick.phase is Phase.CLOSE:
+            with self._lock:
+                self._choices.clear()  # of the period before
         due: Due = next(due for due in self._timetable if due.tick == tick)
         if tick.step != self._step:
             self._watch(tick)
