@@ -41,12 +41,7 @@ def command(
     """
     if (run_dir is None) == (config is None):
         raise UsageError("skyrelay live", None, "either a run's folder or a pilot's --config")
-    try:
-        from skyrelay.report.live import ControlRoom
-    except ModuleNotFoundError as error:
-        if error.name != "websockets":
-            raise
-        raise UsageError("skyrelay live", None, "the extra of this command: pip install 'skyrelay[pilot]'") from error
+    from skyrelay.report.live import ControlRoom
 
     room = ControlRoom(_read_token(token_file))
     feed = _of_a_run(run_dir, speed) if run_dir is not None else _of_a_pilot(config or Path())
