@@ -17,7 +17,7 @@ from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, UInt
 
 from skyrelay.airspace.charge import at_charger, spend
 from skyrelay.airspace.flight import STAY, connectivity, links
@@ -55,7 +55,7 @@ class Trace(NamedTuple):
 )
 @dataclass(frozen=True)
 class State:
-    """One game between two steps.
+    """One game between two steps, or many with their axes in front.
 
     Attributes:
         shape: compiled sizes.
@@ -73,15 +73,15 @@ class State:
 
     shape: Shape
     parameters: Parameters
-    uavs: Float[Array, "uavs 2"]
-    active: Bool[Array, " uavs"]
+    uavs: Float[Array, "*games uavs 2"]
+    active: Bool[Array, "*games uavs"]
     traffic: Traffic
-    owner: Int[Array, " vehicles"]
-    present: Bool[Array, " vehicles"]
-    time: Int[Array, ""]
-    key: PRNGKeyArray
-    built: Bool[Array, "h h"] | None = None
-    charge: Float[Array, " uavs"] | None = None
+    owner: Int[Array, "*games vehicles"]
+    present: Bool[Array, "*games vehicles"]
+    time: Int[Array, "*games"]
+    key: Key[Array, "*games"]
+    built: Bool[Array, "*games h h"] | None = None
+    charge: Float[Array, "*games uavs"] | None = None
 
     @property
     def served_by(self) -> Int[Array, " vehicles"]:

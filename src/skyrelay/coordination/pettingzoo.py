@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache, partial
 from typing import Any
 
@@ -11,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 import pettingzoo
+from jaxtyping import Array, Int
 
 from skyrelay.airspace.flight import ACTIONS, STAY
 from skyrelay.airspace.maps import normalise, safe_of
@@ -92,7 +94,7 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
         return self._by_agent(maps), {agent: dict(masks[agent]) for agent in self.agents}
 
     def step(
-        self, actions: dict[str, int]
+        self, actions: Mapping[str, Any]
     ) -> tuple[
         dict[str, npt.NDArray[np.float32]],
         dict[str, float],
@@ -110,7 +112,7 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
         if self._state is None or not self.agents:
             raise RuntimeError("call reset() before step(): there is no episode in play")
         row = np.array([_checked(a, actions) if a in self.agents else STAY for a in self.possible_agents], np.int32)
-        self._state, told = _step(self._state, row)
+        self._state, told = _step(self._state, jnp.asarray(row))
         # Everything comes over at once: each array by itself waits for the device.
         maps, active, score, truncated = jax.device_get((told[0], self._state.active, *told[1:]))
         over, reward = bool(truncated), float(score.reward)
@@ -166,7 +168,7 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
         return {agent: rows[number] for number, agent in enumerate(self.possible_agents)}
 
 
-def _checked(agent: str, actions: dict[str, Any]) -> int:
+def _checked(agent: str, actions: Mapping[str, Any]) -> int:
     """The compiled game checks nothing: an action that is none would take the UAV out of the zone, for good."""
     action = actions.get(agent)
     whole = isinstance(action, int | np.integer) or (isinstance(action, np.ndarray) and action.dtype.kind in "iu")
@@ -183,7 +185,7 @@ def _reset(key: jax.Array, shape: Shape, domain: Domain) -> tuple[game.State, ja
 
 
 @jax.jit
-def _step(state: game.State, actions: npt.NDArray[np.int32]) -> tuple[game.State, tuple[jax.Array, Score, jax.Array]]:
-    state, transition = game.step(state, jnp.asarray(actions))
+def _step(state: game.State, actions: Int[Array, " uavs"]) -> tuple[game.State, tuple[jax.Array, Score, jax.Array]]:
+    state, transition = game.step(state, actions)
     maps = normalise(transition.observation, state.shape.zoom, state.shape.maps)
     return state, (maps, transition.score, transition.truncated)

@@ -8,7 +8,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import PRNGKeyArray
+from jaxtyping import Array, Key, PRNGKeyArray
 
 from skyrelay.coordination import game
 from skyrelay.coordination.settings import Shape, physical
@@ -105,7 +105,7 @@ def replayed_games(
     )
 
     @partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
-    def start_all(keys: PRNGKeyArray, traces: game.Trace) -> game.State:
+    def start_all(keys: Key[Array, " games"], traces: game.Trace) -> game.State:
         def one(key: PRNGKeyArray, trace: game.Trace) -> game.State:
             k_draw, k_reset = jax.random.split(key)
             return game.reset(k_reset, shape, domain.draw(k_draw), trace)

@@ -26,7 +26,7 @@ import jax
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from jaxtyping import PRNGKeyArray
+from jaxtyping import Array, Key, PRNGKeyArray
 
 from skyrelay.coordination.settings import Domain, Shape
 from skyrelay.core.errors import TrainingError
@@ -340,8 +340,8 @@ def _alone(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
     return one
 
 
-def _keys(seeds: Sequence[int]) -> PRNGKeyArray:
-    keys: PRNGKeyArray = jax.vmap(jax.random.key)(jax.numpy.asarray(seeds, jax.numpy.uint32))
+def _keys(seeds: Sequence[int]) -> Key[Array, " seeds"]:
+    keys: Key[Array, " seeds"] = jax.vmap(jax.random.key)(jax.numpy.asarray(seeds, jax.numpy.uint32))
     return keys
 
 
