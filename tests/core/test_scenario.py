@@ -33,7 +33,7 @@ def test_any_valid_override_arrives(seed, uavs, share):
         ("selection.qou_weights=[0.5, 0.5, 0.5, 0.5]", "selection.qou_weights", "sum to 1"),
         ("fleet.battery=[90, 10]", "fleet.battery", "lower bound first"),
         ("fleet.speed=nan", "fleet.speed", "finite number"),
-        ("mobility.source=teleport", "mobility.source", "'trace', 'manhattan' or 'random-waypoint'"),
+        ("mobility.source=teleport", "mobility.source", "one of trace, manhattan, random-waypoint"),
         ("demand.bandwidth=[1, 5]", "toml", "demand.bandwidth of at most selection.max_demand (5 is above 4)"),
         ("fleet", "--set", "key=value"),
         ("seed.deep=1", "--set", "a table"),
