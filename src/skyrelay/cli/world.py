@@ -36,6 +36,10 @@ def command(
     """Be the world of a run: where everybody is, the clock, and the record. `skyrelay up` starts it.
 
     What it is at goes to standard output, a JSON object a line.
+
+    \b
+    Example:
+      skyrelay world --config out/up/hosts/world.toml
     """
     from skyrelay.pilot.config import load_world
     from skyrelay.pilot.logs import configure
