@@ -5,8 +5,12 @@ import time
 import pytest
 from processes import free_port, until
 
+from skyrelay.chain.abi import Event
+from skyrelay.chain.accounts import Keyring
 from skyrelay.core.errors import BusError
 from skyrelay.pilot.bus import LONGEST_MESSAGE, Arrival, Bus, Weather, uav_key, vehicle_key
+from skyrelay.pilot.lockstep import Radio
+from skyrelay.protocol.messages import Beacon
 
 CONTRACT, UAV, OTHER, VEHICLE = "0xc0", "0xaa", "0xbb", "0xee"
 HELLO = b"hello?"
@@ -177,3 +181,19 @@ def test_weather_on_a_link(bus):
     assert time.monotonic() - begin >= 0.2
     assert heard.lost >= 100 - len(expected) > 0
     assert {arrival.content for arrival in collect(all_, 100)} >= set(contents)
+
+
+def test_a_uav_that_is_sent_to_another_zone_hears_those_who_fly_there(bus):
+    meeting, ring, contract = endpoint(), Keyring.ephemeral(), ("0x" + "c0" * 20, 1)
+    own, other = ring.account("uav-1"), ring.account("uav-2")
+    radio = Radio(bus("here", listen=[meeting]), contract, ring, {own: 1}, patience=5.0)
+    mate = Radio(bus("there", [meeting]), contract, ring, {other: 2}, patience=5.0)
+    radio.note(Event("UAVRegistered", {"uav": other}, 1, 0, 0))
+    radio.note(Event("UAVZoneUpdated", {"uav": own, "from": 1, "to": 2}, 2, 0, 0))
+
+    def heard():
+        now = time.monotonic()
+        mate.send([Beacon(other, 2, None, (1.0, 2.0), now)])
+        return radio.take(now, {})
+
+    assert until(heard)[0].sender == other

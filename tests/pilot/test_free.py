@@ -44,6 +44,12 @@ def test_the_timetable_has_every_phase_in_order_and_no_gap():
     assert steps == [(step, step * scenario.coordination.step_seconds) for step in range(25)]
 
 
+def test_where_uavs_are_dispatched_the_timetable_has_a_time_for_it():
+    scenario = load_scenario("bologna", ["coordination.dispatch=true"], 1)
+    phases = [due.tick.phase for due in Timetable.of(scenario, 0.0, 1.0, 1.0) if due.tick.period == 1]
+    assert phases[:5] == [Phase.CLOSE, Phase.LAND, Phase.REPORT, Phase.DISPATCH, Phase.RATE]
+
+
 @pytest.mark.parametrize(("off", "word"), [(-5.0, "5.0 s behind"), (5.0, "5.0 s ahead")])
 def test_a_clock_that_is_off_is_told_once_and_set_right(off, word):
     machine, said = Machine(2000.0 + off), []

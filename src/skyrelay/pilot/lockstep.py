@@ -252,7 +252,7 @@ class Radio:
     Args:
         contract: address and chain id of the contract that knows the members.
         keyring: of this host's members.
-        zones: of this host's UAVs, by their address.
+        zones: of this host's UAVs, by their address; a zone that one of them is sent to is listened to as well.
         patience: beyond this age a beacon is stale [s].
 
     Attributes:
@@ -265,7 +265,8 @@ class Radio:
         self._uavs: set[str] = set()
         self._vehicles: set[str] = set()
         self._topics = {*map(str, zones.values()), *zones}
-        self.gate = BeaconGate(contract, self._uavs, self._vehicles, set(zones.values()), patience=patience)
+        self._members, self._zones = set(zones), set(zones.values())
+        self.gate = BeaconGate(contract, self._uavs, self._vehicles, self._zones, patience=patience)
         self._bus, self._contract, self._keyring = bus, contract, keyring
         self._senders: dict[str, Session] = {}
         self._own: list[Beacon] = []
@@ -275,12 +276,18 @@ class Radio:
         self._lost = 0
 
     def note(self, event: Event) -> None:
-        """A member that the chain knows may be heard."""
+        """A member that the chain knows may be heard; a UAV of this host hears those of the zone that it is in."""
         match event.name:
             case "UAVRegistered":
                 self._uavs.add(event.args["uav"])
             case "VehicleRegistered":
                 self._vehicles.add(event.args["vehicle"])
+            case "UAVZoneUpdated" if event.args["uav"] in self._members:
+                zone = event.args["to"]
+                if zone and zone not in self._zones:
+                    self._heard.append(self._bus.subscribe(uav_key(self._contract[0], zone)))
+                    self._zones.add(zone)
+                    self._topics.add(str(zone))
 
     def send(self, beacons: Sequence[Beacon]) -> Counter[str]:
         """Beacons to those around; how many on each topic."""

@@ -34,7 +34,7 @@ class Timetable:
         slot: what a phase of the selection has, transactions included [s].
         step: what a step of flight has [s].
         seconds: a step in the world's time [s].
-        steps, period_steps, rounds: as the scenario has them.
+        steps, period_steps, rounds, dispatch: as the scenario has them.
     """
 
     begin: float
@@ -44,12 +44,14 @@ class Timetable:
     steps: int
     period_steps: int
     rounds: int
+    dispatch: bool
 
     @classmethod
     def of(cls, scenario: Scenario, begin: float, slot: float, step: float) -> Timetable:
         """A scenario's."""
         config = scenario.coordination
-        return cls(begin, slot, step, config.step_seconds, config.steps, config.period_steps, scenario.selection.rounds)
+        rounds = scenario.selection.rounds
+        return cls(begin, slot, step, config.step_seconds, config.steps, config.period_steps, rounds, config.dispatch)
 
     def __iter__(self) -> Iterator[Due]:
         """All ticks, in order, as `skyrelay.simulation.run.Run` has them."""
@@ -70,7 +72,10 @@ class Timetable:
                     yield Tick(phase, period, 1, at, at * self.seconds), share * self.step
 
     def _selection(self) -> Iterator[tuple[Phase, int]]:
-        yield from ((phase, 1) for phase in (Phase.CLOSE, Phase.LAND, Phase.REPORT, Phase.RATE))
+        yield from ((phase, 1) for phase in (Phase.CLOSE, Phase.LAND, Phase.REPORT))
+        if self.dispatch:
+            yield Phase.DISPATCH, 1
+        yield Phase.RATE, 1
         for round_ in range(1, self.rounds + 1):
             yield from ((Phase.PROPOSE, round_), (Phase.ALLOCATE, round_))
         yield Phase.DETERMINE, 1
