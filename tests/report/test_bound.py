@@ -13,6 +13,7 @@ from skyrelay.core.errors import UsageError
 from skyrelay.core.progress import Silent
 from skyrelay.core.scenario import load_scenario
 from skyrelay.report.bound import LEVELS, bound, certified
+from skyrelay.runfolder.reader import read_run
 from skyrelay.simulation import play
 
 
@@ -83,3 +84,25 @@ def test_a_run_is_below_its_bounds_and_each_bound_below_the_one_before(folder):
 def test_a_step_that_is_none_is_refused(folder):
     with pytest.raises(UsageError, match="from 1 on"):
         bound(folder, 0)
+
+
+def test_a_radio_that_is_no_disc_carries_beyond_the_range_and_the_bound_holds_there(tmp_path):
+    keys = [
+        "mobility.source=manhattan",
+        "mobility.area=800",
+        "mobility.vehicles=30",
+        "zones.columns=1",
+        "zones.rows=1",
+        "fleet.uavs=3",
+        "fleet.range=10",
+        "fleet.battery=[90, 100]",
+        "fleet.speed=1",
+        "selection.candidates=zone",
+        "coordination.steps=4",
+        "coordination.policy=hovering",
+        "radio.model=air-to-ground",
+    ]
+    play(load_scenario("bologna", keys, 3), tmp_path, Silent())
+    run = read_run(tmp_path)
+    assert run.vehicles["carried_kbps"][~run.vehicles["covered"]].any()
+    assert all(0.0 < level.share <= 1.0 for level in bound(tmp_path))

@@ -2,8 +2,9 @@
 
 A step's program lets every UAV split its bandwidth among all vehicles that it can have within its range by then, had it
 flown straight there from where the run began, while its battery can last; each vehicle takes what it asks for, of any
-number of UAVs. A real fleet must serve more at once from one place, each vehicle whole, so that no way of flying and no
-selection has more. Buildings, links and team size are left out, which can only raise the bound.
+number of UAVs. A radio that is no disc ends at no range: there every vehicle counts as within reach. A real fleet must
+serve more at once from one place, each vehicle whole, so that no way of flying and no selection has more. Buildings,
+links and team size are left out, which can only raise the bound.
 """
 
 from __future__ import annotations
@@ -160,7 +161,9 @@ class _World:
         places = np.column_stack([self._vehicles["x"][here], self._vehicles["y"][here]])
         demand = self._vehicles["demand_kbps"][here].astype(np.float64)
         apart = np.hypot(*(places[None] - self._start[:, None]).transpose(2, 0, 1))
-        reach = apart <= self._law.reach + step * self._law.stride
+        reach = np.ones(apart.shape, dtype=bool)
+        if self._law.network.air is None:  # any other radio carries over any distance, however little
+            reach = apart <= self._law.reach + step * self._law.stride
         if level == "zones":
             row = self._uavs["step"] == period * self._period_steps + 1
             reach &= self._uavs["zone"][row][:, None] == zone
