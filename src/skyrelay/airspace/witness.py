@@ -9,6 +9,8 @@ one link says counts up to a bound, and in a second pass those count little who 
 
 Source: the attacks are VeReMi's (van der Heijden, Lukaseder, Kargl, "VeReMi", SecureComm 2018); the strength of what is
 heard as evidence is Xiao, Yu, Gao ("Detection and localization of Sybil nodes in VANETs", 2006). The statistic is ours.
+
+No run asks for it, as beacons carry no strength yet: `benchmarks/witness.py` measures it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """What the vehicles of a game have over a radio and by way of gateways: the run's laws, compiled.
 
-A function of a state beside the game: who does not ask for it pays nothing. `jax.vmap` takes many games.
+A function of a state beside the game: who does not ask for it pays nothing. `jax.vmap` takes many games. No training
+here asks: it is for rewards of one's own, and `benchmarks/radio.py` says what it costs.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 A report is bound to contract, chain, period and witness, as beacons are to their session. What lowers a reputation is
 all reports of the period together: their hash goes into the transaction that does it, behind the arguments, which
 contracts do not look at, so that whoever is handed the reports can check that it was for these.
+
+No agent of a run sends such reports yet: beacons carry no strength (docs/decisions/0087-plausible-places.md).
 """
 
 from __future__ import annotations

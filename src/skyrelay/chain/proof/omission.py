@@ -1,4 +1,7 @@
-"""A relayer that acknowledged a proposal and did not hand it in: provable from its signature and the chain."""
+"""A relayer that acknowledged a proposal and did not hand it in: provable from its signature and the chain.
+
+For consortia whose relayers give such a word: the agents here neither ask for it nor give it.
+"""
 
 from __future__ import annotations
 
