@@ -53,15 +53,22 @@ def validators(folder: Path, count: int, say: Callable[[str], None], *, replace:
             raise UsageError(folder, "the chain of an earlier run", "another --out, or --force to replace it")
         shutil.rmtree(folder)
     network = Devnet.create(folder, validators=count)
-    with network, _watched(lambda: _revive(network, say)):
+    dead: list[int] = []
+    with network, _watched(lambda: _revive(network, dead, say)):
         for node in network.validators:
             _say_process(say, f"validator-{node.index}", network.pid(node.index), network.log(node.index))
         yield network.endpoints
 
 
-def _revive(network: Devnet, say: Callable[[str], None]) -> None:
-    """Start the validators that have ended again."""
-    for index in network.ended():
+def _revive(network: Devnet, dead: list[int], say: Callable[[str], None]) -> None:
+    """Start the validators that have ended again.
+
+    Args:
+        dead: those that have not been started again; where one does not come back, the next look goes on with the rest.
+    """
+    dead += network.ended()
+    while dead:
+        index = dead.pop(0)
         say(f"{f'validator-{index}':<12} ended; started again")
         network.restart(index)
         _say_process(say, f"validator-{index}", network.pid(index), network.log(index))
@@ -84,8 +91,8 @@ def kubo(folder: Path, say: Callable[[str], None]) -> Iterator[str]:
 
         def revive() -> None:
             if node.ended():
-                say(f"{'kubo':<12} ended; started again")
                 node.start()
+                say(f"{'kubo':<12} ended; started again")
                 _say_process(say, "kubo", node.pid, node.log)
 
         with _watched(revive):
@@ -137,8 +144,8 @@ class _Kubo:
         return self._process.pid if self._process is not None else 0
 
     def ended(self) -> bool:
-        """Whether it has died by itself."""
-        return self._process is not None and self._process.poll() is not None
+        """Whether it does not run: it has died by itself, or did not start again."""
+        return self._process is None or self._process.poll() is not None
 
     def start(self) -> str:
         """Start it, at the port that it had before; return when it is ready, with its address."""
