@@ -148,5 +148,8 @@ def test_evaluating():
     assert sr.evaluate("generalist", **options)["return"]["mean"] > static["return"]["mean"]
     with pytest.raises(sr.SkyRelayError, match="did you mean 'generalist'"):
         sr.evaluate("genralist", **options)
+    for episodes in (0, -1):
+        with pytest.raises(sr.SkyRelayError, match="1 to 100,000"):
+            sr.evaluate("static", episodes=episodes)
     assert "generalist" in sr.policies()
     assert ACTIONS == 9

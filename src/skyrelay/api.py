@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from skyrelay.coordination.pettingzoo import UavCoordination
     from skyrelay.coordination.vector import UavVector
 
+MOST_EPISODES = 100_000
+"""Of one evaluation, as on the command line."""
+
 
 @dataclass(frozen=True)
 class RunFolder:
@@ -221,6 +224,8 @@ def evaluate(
     from skyrelay.learning.presets import games_of
 
     _require_games(games)
+    if not 1 <= episodes <= MOST_EPISODES:
+        raise UsageError("episodes", episodes, f"1 to {MOST_EPISODES:,}")
     if isinstance(player, str):
         _name(player)
         known = player in BASELINES or (plugins.is_code(player) and not Path(player).exists())

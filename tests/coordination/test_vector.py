@@ -57,7 +57,7 @@ def test_what_does_not_fit_is_refused(envs):
         envs.step(np.zeros(6, int))
     with pytest.raises(UsageError, match="one number for all rows"):
         envs.reset(seed=[1, 2])
-    with pytest.raises(UsageError, match="no drop-outs"):
+    with pytest.raises(UsageError, match="UAVs drop out"):
         sr.make_vec("varied", games=2, **OPTIONS)
     with pytest.raises(UsageError, match="1 to 65,536"):
         sr.make_vec("paper", games=0, **OPTIONS)

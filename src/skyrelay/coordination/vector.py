@@ -38,8 +38,10 @@ class UavVector(gymnasium.vector.VectorEnv):
     """
 
     def __init__(self, shape: Shape, domain: Domain, games: int) -> None:
-        if domain.uavs != (shape.uavs, shape.uavs) or shape.drop_outs:
-            raise UsageError("domain.uavs", domain.uavs, f"({shape.uavs}, {shape.uavs}), and no drop-outs")
+        if domain.uavs != (shape.uavs, shape.uavs):
+            raise UsageError("domain.uavs", domain.uavs, f"({shape.uavs}, {shape.uavs})")
+        if shape.drop_outs:
+            raise UsageError("games", "some in which UAVs drop out", "games that keep all their UAVs, as paper's do")
         if not 1 <= games <= 65_536:
             raise UsageError("games", games, "1 to 65,536")
         self.shape, self.domain, self.games = shape, domain, games
