@@ -137,6 +137,12 @@ def test_a_radio_or_gateway_that_cannot_be_has_one_line(overrides, line):
     assert "\n" not in str(raised.value)
 
 
+def test_lists_of_words_are_written_and_read_back():
+    scenario = load_scenario("bologna", [r'store.trusted_keys=["a key.pem", "b\"c.pem"]'])
+    for text in (to_toml(scenario), to_commented_toml(scenario)):
+        assert tomllib.loads(text)["store"]["trusted_keys"] == ["a key.pem", 'b"c.pem']
+
+
 def test_gateways_are_written_and_read_back(tmp_path):
     scenario = load_scenario("bologna", ['gateways=[{name = "a", x = 1.0, y = 2.0, kind = "base-station"}]'])
     for text in (to_toml(scenario), to_commented_toml(scenario)):

@@ -580,11 +580,13 @@ def to_commented_toml(scenario: Scenario) -> str:
 
 
 def _inline(value: object) -> str:
-    """A number or a building as TOML on one line."""
+    """A number, a string or a building as TOML on one line."""
+    import tomli_w
+
     if isinstance(value, Building):
         corners = ", ".join(f"[{x}, {y}]" for x, y in value.polygon)
         return f"{{polygon = [{corners}], height = {value.height}}}"
-    return str(value)
+    return tomli_w.dumps({"value": value}).rstrip("\n").removeprefix("value = ")
 
 
 def _read(source: str | Path) -> tuple[str, str, Path | None]:
