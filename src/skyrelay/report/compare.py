@@ -153,10 +153,11 @@ def _settings(scenario: Scenario) -> dict[str, str]:
     """Every key of a scenario but its name and seed, flat, as text."""
     flat: dict[str, str] = {}
     for section, value in scenario.model_dump(mode="json", exclude={"name", "seed"}).items():
-        for key, entry in value.items():
+        keys = {section: value} if isinstance(value, list) else {f"{section}.{key}": value[key] for key in value}
+        for key, entry in keys.items():
             text = repr(entry)
             short = f"{text[:60]}... (SHA-256 {sha256(text.encode()).hexdigest()[:8]})"
-            flat[f"{section}.{key}"] = text if len(text) < 80 else short
+            flat[key] = text if len(text) < 80 else short
     return flat
 
 

@@ -146,10 +146,10 @@ def test_a_gas_limit_that_fits_no_block_executes_nothing(gas: int) -> None:
     assert count(chain, counter) == 0
 
 
-def test_a_call_of_a_missing_precompiled_contract_fails_alone(tmp_path: Path) -> None:
+def test_a_call_that_a_precompiled_contract_refuses_fails_alone(tmp_path: Path) -> None:
     with EmbeddedChain(tmp_path) as chain:
         sender, counter = deployed(chain)
-        receipts = chain.send([Call(sender, counter, word(4)), Call(sender, "0x" + "00" * 19 + "08", b"")])
+        receipts = chain.send([Call(sender, counter, word(4)), Call(sender, "0x" + "00" * 19 + "08", b"\x01")])
         assert [receipt.status for receipt in receipts] == [True, False]
         assert count(chain, counter) == 4
     assert replay(tmp_path).differences == []
