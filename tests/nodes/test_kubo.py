@@ -127,7 +127,7 @@ def test_a_block_that_rots_on_the_nodes_disk_is_refused(swarm, tmp_path):
 def test_an_address_of_another_layout_is_refused(swarm, tmp_path):
     (tmp_path / "model").write_bytes(secrets.token_bytes(700_000))
     other = swarm[0].run("add", "-Q", "--cid-version=1", "--chunker=size-100000", str(tmp_path / "model")).strip()
-    with pytest.raises(StoreError, match="700000 bytes that hash to bafy"):
+    with pytest.raises(StoreError, match="700000 bytes that hash to bafk"):
         KuboStore(swarm[0].url).verify(Cid.parse(other))
 
 
