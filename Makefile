@@ -9,7 +9,7 @@ INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --progress-b
 PYTEST := $(BIN)/python -m pytest
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-failed check test-browser test-evm test-gpsd test-contracts test-nodes test-hosts test-sumo test-peers test-all nodes peers bench docs docs-notebooks docs-pictures release-check clean
+.PHONY: help setup run test test-failed check test-browser test-evm test-gpsd test-contracts test-nodes test-hosts test-survival test-sumo test-peers test-all nodes peers bench docs docs-notebooks docs-pictures release-check clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -33,7 +33,7 @@ run: $(CORE) ## play the whole system on the Bologna trace; ends in out/bologna/
 	$(BIN)/skyrelay run bologna --out out/bologna --force
 
 test: $(READY) ## all tests that need Python alone
-	$(PYTEST) -n 2 --dist loadgroup -m "not browser and not contracts and not gpsd and not nodes and not evm and not hosts"
+	$(PYTEST) -n 2 --dist loadgroup -m "not browser and not contracts and not gpsd and not nodes and not evm and not hosts and not survival"
 
 test-failed: $(READY) ## what failed in the last `make test`, one after the other
 	$(PYTEST) --last-failed --last-failed-no-failures none
@@ -88,6 +88,9 @@ test-nodes: $(READY) nodes ## real validators and real IPFS nodes on loopback
 test-hosts: $(READY) ## five hosts in network namespaces, one cut off and back (root)
 	timeout 900 $(PYTEST) -m hosts
 
+test-survival: $(READY) ## agents as processes, killed, late, cut off, by their own clocks (minutes)
+	$(PYTEST) -m survival -n 2 --dist loadgroup
+
 # SUMO is half a gigabyte: an environment of its own.
 $(VENV)/sumo/.ready: pyproject.toml constraints.txt
 	@$(PYTHON) -m venv $(VENV)/sumo
@@ -114,7 +117,7 @@ peers: $(VENV)/peers/.ready $(VENV)/jaxmarl/.ready ## what the benchmarks of env
 test-peers: $(VENV)/peers/.ready ## BenchMARL and TorchRL train on the game (installs PyTorch, 5 GB)
 	$(VENV)/peers/bin/python -m pytest tests/peers
 
-test-all: check test test-browser test-evm test-gpsd test-contracts test-nodes test-sumo test-peers ## everything
+test-all: check test test-survival test-browser test-evm test-gpsd test-contracts test-nodes test-sumo test-peers ## everything
 
 bench: $(READY) ## every benchmark, one after the other; figures and JSON
 	@for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done

@@ -16,6 +16,8 @@ from skyrelay.core.scenario import load_scenario
 from skyrelay.pilot.geodesy import Frame
 from skyrelay.simulation.world import World
 
+pytestmark = pytest.mark.survival
+
 SKYRELAY = ("-c", "from skyrelay.cli.main import main; main()")
 FRAME = Frame(44.4949, 11.3426)
 SETS = ["mobility.penetration=0.05", "fleet.uavs=1", "zones.columns=1", "zones.rows=1"]

@@ -10,6 +10,8 @@ from skyrelay.pilot.free import TOLERATED, Wall
 from skyrelay.pilot.timetable import Timetable
 from skyrelay.protocol.messages import Phase
 
+pytestmark = pytest.mark.survival
+
 SHORT = ["selection.rounds=2", "coordination.steps=16"]
 FREE = ["--free-running", "--slot", 1.5, "--speed", 4]
 

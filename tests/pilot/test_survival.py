@@ -14,6 +14,8 @@ from skyrelay.core.errors import BusError
 from skyrelay.pilot.bus import Bus
 from skyrelay.pilot.lockstep import serve
 
+pytestmark = pytest.mark.survival
+
 
 @pytest.mark.parametrize(
     ("block", "names"),

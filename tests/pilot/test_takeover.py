@@ -3,6 +3,8 @@
 import pytest
 from town_of_processes import Up, audited, decided
 
+pytestmark = pytest.mark.survival
+
 TWO = ["--coordinators", 2, "--standby", 1, "--wait", 1, "--elsewhere", "coordinator"]
 
 

@@ -9,6 +9,8 @@ import threading
 import pytest
 from town_of_processes import Up, audited, decided, once
 
+pytestmark = pytest.mark.survival
+
 ALL = 0.999999  # all but one beacon in a million
 
 
