@@ -74,10 +74,16 @@ def test_what_is_wrong_with_a_host_is_one_clear_line(tmp_path):
         (text, right, "a name that no other peer has"),
         (text.replace("side = ", "side = -"), right, "greater than 0"),
     ]
+    dispatched = tmp_path / "dispatched.toml"
+    dispatched.write_text((hosts / "scenario.toml").read_text().replace("dispatch = false", "dispatch = true"))
+    of_these = text.replace(f"{hosts}/scenario.toml", str(dispatched))
+    flown = ("--members", "u01", "--autopilot", "udp://127.0.0.1:9", "--origin", "44.5,11.3")
+    faults.append((of_these, right, "a scenario without dispatch"))
     for number, (content, variables, wanted) in enumerate(faults):
         file = tmp_path / f"fault{number}.toml"
         file.write_text(content)
-        agent = skyrelay("agent", "uav", "--config", file, stderr=subprocess.PIPE, env=variables)
+        options = flown if content is of_these else ()
+        agent = skyrelay("agent", "uav", "--config", file, *options, stderr=subprocess.PIPE, env=variables)
         _, told = agent.communicate(timeout=120)
         assert agent.returncode == 2, told
         assert re.search(wanted, told), told

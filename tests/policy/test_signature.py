@@ -149,6 +149,10 @@ def test_keys_are_private_and_what_is_none_is_one_line(keys, tmp_path):
         signature.public_key(secret)
     with pytest.raises(ModelError, match="a place for a new key"):
         signature.new_key(secret, "a password")
+    (tmp_path / "half.pub").write_text("somebody's")
+    with pytest.raises(ModelError, match="a place for a new key"):
+        signature.new_key(tmp_path / "half", "a password")
+    assert [path.name for path in tmp_path.glob("half*")] == ["half.pub"], "nothing half-written"
     with pytest.raises(ModelError, match="a readable key"):
         signature.public_key(tmp_path / "none")
 

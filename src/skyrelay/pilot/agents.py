@@ -70,6 +70,9 @@ def run_agents(
         raise UsageError(config.name, None, f"at least one {kind} to host in its file")
     if airframe is not None and (kind != "uav" or len(agents) != 1):
         raise UsageError("--autopilot", f"{len(agents)} of kind {kind}", "one UAV: name it by --members")
+    if airframe is not None and config.resolved().coordination.dispatch:
+        # The fence is the zone's that it takes off in: it would never arrive in another.
+        raise UsageError("--autopilot", "coordination.dispatch = true", "a scenario without dispatch")
     if receiver is not None and (kind != "vehicle" or len(agents) != 1):
         raise UsageError("--gpsd", f"{len(agents)} of kind {kind}", "one vehicle: name it by --members")
     chain = NodeChain(access.urls, keyring, chain_id=access.chain_id, confirmations=access.confirmations)

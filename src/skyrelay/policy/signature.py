@@ -210,11 +210,15 @@ def new_key(path: Path, password: str) -> Path:
         serialization.BestAvailableEncryption(password.encode()),
     )
     public = path.with_name(path.name + ".pub")
+    written: list[Path] = []
     try:
         for place, data, mode in ((path, secret, 0o600), (public, _pem(key.public_key()), 0o644)):
             with os.fdopen(os.open(place, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
+                written.append(place)
                 file.write(data)
     except OSError as error:
+        for place in written:
+            place.unlink(missing_ok=True)
         raise ModelError(error.filename or path, None, f"a place for a new key ({error.strerror})") from None
     return public
 
