@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from skyrelay.pilot.nodes import ALONE
+
 ROOT = Path(__file__).resolve().parents[2]
 START_SECONDS = 60
 
@@ -70,18 +72,7 @@ def private_node(home: Path, swarm_key: str) -> KuboNode:
     assert binary, "no ipfs on PATH or in .tools/bin: `make nodes` builds it"
     node = KuboNode(home, binary)
     node.run("init", "--empty-repo", "--profile=test")
-    for key, value in {
-        "Addresses.API": "/ip4/127.0.0.1/tcp/0",
-        "Addresses.Gateway": [],
-        "Addresses.Swarm": ["/ip4/127.0.0.1/tcp/0"],
-        "AutoConf.Enabled": False,
-        "AutoTLS.Enabled": False,
-        "Bootstrap": [],
-        "DNS.Resolvers": {},
-        "Ipns.DelegatedPublishers": [],
-        "Routing.DelegatedRouters": [],
-        "Routing.Type": "none",
-    }.items():
+    for key, value in ({"Addresses.API": "/ip4/127.0.0.1/tcp/0"} | ALONE).items():
         node.run("config", "--json", key, json.dumps(value))
     (home / "swarm.key").write_text(f"/key/swarm/psk/1.0.0/\n/base16/\n{swarm_key}\n")
     return node

@@ -23,7 +23,7 @@ LOOK = 0.2
 """Between two looks at whether they run [s]."""
 STOP = 20.0
 """A Kubo node that has not ended so long after SIGTERM is killed [s]."""
-_ALONE = {
+ALONE = {
     "Addresses.Gateway": [],
     "AutoConf.Enabled": False,
     "AutoTLS.Enabled": False,
@@ -129,7 +129,7 @@ class _Kubo:
         self._port = "0"
         home.mkdir(mode=0o700)
         self._run("init", "--empty-repo", "--profile=test")
-        for key, value in _ALONE.items():
+        for key, value in ALONE.items():
             self._run("config", "--json", key, json.dumps(value))
         (home / "swarm.key").write_text(f"/key/swarm/psk/1.0.0/\n/base16/\n{secrets.token_hex(32)}\n", "ascii")
 

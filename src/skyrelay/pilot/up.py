@@ -357,6 +357,16 @@ def _accounts(places: Sequence[Place]) -> dict[str, str]:
     return {name: address for place in places for name, address in place.accounts().items()}
 
 
+def _chain_of(world: World, consortium: Consortium, url: str) -> dict[str, Any]:
+    """The table of a file that says where the contract is."""
+    return {
+        "urls": url.split(","),
+        "chain_id": consortium.chain.chain_id,
+        "contract": consortium.client.address,
+        "confirmations": world.scenario.chain.confirmations,
+    }
+
+
 def _write_watch(
     world: World, consortium: Consortium, hosts: Path, url: str, bus: str, accounts: dict[str, str]
 ) -> Path:
@@ -366,12 +376,7 @@ def _write_watch(
         "scenario": "scenario.toml",
         "area": asdict(world.law.grid),
         **({} if plane is None else {"plane": plane}),
-        "chain": {
-            "urls": url.split(","),
-            "chain_id": consortium.chain.chain_id,
-            "contract": consortium.client.address,
-            "confirmations": world.scenario.chain.confirmations,
-        },
+        "chain": _chain_of(world, consortium, url),
         "bus": {"connect": [bus]},
         "members": {address: name for name, address in accounts.items()},
     }
@@ -397,13 +402,7 @@ def _write_config(
         "scenario": "scenario.toml",
         **({} if clock is None else {"clock": clock.model_dump(exclude_defaults=True)}),
         "area": asdict(world.law.grid),
-        "chain": {
-            "urls": url.split(","),
-            "chain_id": consortium.chain.chain_id,
-            "contract": consortium.client.address,
-            "keystore": f"{place.name}.keystore",
-            "confirmations": world.scenario.chain.confirmations,
-        },
+        "chain": _chain_of(world, consortium, url) | {"keystore": f"{place.name}.keystore"},
         "store": {"url": store_url} if store_url else {"path": consortium.store.place.removeprefix("store ")},
         "bus": {"connect": [bus]} | ({"listen": ["tcp/0.0.0.0:0"]} if elsewhere else {}),
         **place.table,
