@@ -3,9 +3,11 @@
 import re
 import shutil
 import subprocess
+import time
+from pathlib import Path
 
 import pytest
-from town_of_processes import decided, sets, skyrelay
+from town_of_processes import WAIT, Up, decided, sets, skyrelay
 from typer.testing import CliRunner
 
 from skyrelay.cli.main import app
@@ -59,3 +61,24 @@ def test_vehicles_that_sign_are_served_as_those_that_send(run_folder, tmp_path):
         assert many[table] == one[table], table
     audit = skyrelay("audit", tmp_path / "up", stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     assert audit.wait(120) == 0, audit.stdout.read()
+
+
+def test_nothing_is_left_of_one_that_is_killed(tmp_path):
+    up = Up(tmp_path / "up", "coordination.steps=290")
+    up.wait_for_block(3)
+    children = [pid for name in ("chain", "world", "vehicles", "uavs", "coordinator", "live") if (pid := up.pid(name))]
+    up.process.kill()
+    up.process.wait(60)
+    up._reader.join()
+    assert len(children) == 6
+
+    def runs(pid):
+        try:
+            return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+        except FileNotFoundError:
+            return False
+
+    until = time.monotonic() + WAIT
+    while left := [pid for pid in children if runs(pid)]:
+        assert time.monotonic() < until, left
+        time.sleep(0.02)

@@ -14,8 +14,20 @@ from types import TracebackType
 
 from skyrelay.core.errors import SkyRelayError
 
-LAUNCH = "from skyrelay.cli.main import main; main()"
-"""What a child runs: the command line of this same installation."""
+LAUNCH = """\
+import os, signal, threading
+
+
+def end_with_parent():
+    os.read(0, 1)  # nothing is ever written: the pipe ends when the parent is gone, however it went
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+threading.Thread(target=end_with_parent, daemon=True).start()
+from skyrelay.cli.main import main
+main()
+"""
+"""What a child runs: the command line of this same installation, as long as its parent is there."""
 SLOWEST = 10.0
 """Between two starts of a child that dies again and again [s]."""
 PATIENCE = 10.0
@@ -85,7 +97,7 @@ class Children:
         with (self._folder / f"{name}.log").open("ab") as log:
             process = subprocess.Popen(  # noqa: S603  (our own interpreter and code)
                 [sys.executable, "-c", LAUNCH, *arguments],
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE,
                 stdout=log if output is None else output,
                 stderr=log,
                 env=os.environ | self._environment,
