@@ -13,10 +13,18 @@ from town_of_processes import skyrelay
 from skyrelay.chain.accounts import Keyring
 from skyrelay.cli.ending import one_line_for_the_unforeseen
 from skyrelay.core.errors import ChainError, HostError, UsageError
-from skyrelay.pilot.logs import Redactor, configure
+from skyrelay.pilot.logs import LOGGER, Redactor, configure
 from skyrelay.pilot.metrics import Metrics
 from skyrelay.protocol.beacon import BeaconGate, Session
 from skyrelay.protocol.messages import Beacon
+
+
+@pytest.fixture(autouse=True)
+def _logger_as_it_was(monkeypatch):
+    """What configures the process's logger does so for one test."""
+    logger = logging.getLogger(LOGGER)
+    for name in ("handlers", "level", "propagate"):
+        monkeypatch.setattr(logger, name, getattr(logger, name))
 
 
 def samples(text):
