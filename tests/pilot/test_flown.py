@@ -16,14 +16,13 @@ from skyrelay.core.scenario import load_scenario
 from skyrelay.pilot.geodesy import Frame
 from skyrelay.simulation.world import World
 
-pytestmark = pytest.mark.survival
-
 SKYRELAY = ("-c", "from skyrelay.cli.main import main; main()")
 FRAME = Frame(44.4949, 11.3426)
 SETS = ["mobility.penetration=0.05", "fleet.uavs=1", "zones.columns=1", "zones.rows=1"]
 SETS += ["coordination.steps=8", "coordination.period_steps=8", "coordination.step_seconds=4"]
 
 
+@pytest.mark.survival
 def test_an_agent_flies_a_real_airframe_and_brings_it_home(start, tmp_path):
     world = World.of(load_scenario("bologna", SETS))
     station = (float(world.fleet.x[0]), float(world.fleet.y[0]))
@@ -60,6 +59,7 @@ def test_an_agent_flies_a_real_airframe_and_brings_it_home(start, tmp_path):
     assert "only for this test" not in said
 
 
+@pytest.mark.survival
 def test_a_vehicle_is_where_its_own_receiver_says(start, tmp_path):
     sets = ["mobility.source=random-waypoint", "mobility.vehicles=1", "mobility.area=2000", *SETS[1:]]
     hosts, options = tmp_path / "hosts", [part for item in sets for part in ("--set", item)]

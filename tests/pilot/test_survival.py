@@ -14,9 +14,8 @@ from skyrelay.core.errors import BusError
 from skyrelay.pilot.bus import Bus
 from skyrelay.pilot.lockstep import serve
 
-pytestmark = pytest.mark.survival
 
-
+@pytest.mark.survival
 @pytest.mark.parametrize(
     ("block", "names"),
     [
@@ -52,6 +51,7 @@ def bad(tmp_path, text, old, new):
     return file
 
 
+@pytest.mark.survival
 def test_what_is_wrong_with_a_host_is_one_clear_line(tmp_path):
     """Each fault in turn, against a chain that runs; the last words are the only ones, and the status is 2."""
     # At six times the clock's pace, so that the run is still there when the last fault is told.

@@ -3,8 +3,6 @@
 import pytest
 from town_of_processes import Up, audited, decided
 
-pytestmark = pytest.mark.survival
-
 TWO = ["--coordinators", 2, "--standby", 1, "--wait", 1, "--elsewhere", "coordinator"]
 
 
