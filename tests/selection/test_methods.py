@@ -19,7 +19,7 @@ DEFAULT = Settings()
 @given(tables(), settings_drawn, st.sampled_from(METHODS))
 def test_every_method_keeps_the_rules(both, rule, method):
     vehicles, uavs = both
-    chosen = select(vehicles, uavs, method, settings=rule)
+    chosen = select(vehicles, uavs, method, settings=rule, within=True)
     assert is_valid(vehicles, uavs, chosen.assignment, rule)
     served = chosen.assignment >= 0
     quality, value = qou(vehicles, uavs, rule), qov(vehicles, uavs, rule)
@@ -30,6 +30,7 @@ def test_every_method_keeps_the_rules(both, rule, method):
     metrics = evaluate(vehicles, uavs, chosen, rule)
     assert metrics.served == served.sum()
     assert metrics.uavs_selected == len(set(chosen.assignment[served].tolist()))
+    assert (metrics.excess_bandwidth, metrics.max_excess, metrics.uavs_exceeded) == (0, 0, 0)
 
 
 @given(tables(max_vehicles=5, max_uavs=3), settings_drawn, st.sampled_from(("qou", "qov", "served")))

@@ -199,7 +199,7 @@ class Selection(_Section):
 
     method: Text = Field(
         "two-sided",
-        description="two-sided: by the contract; nnm, optimal, nearest, random, or on the command line "
+        description="two-sided: by the contract; near-feasible, nnm, optimal, nearest, random, or on the command line "
         "module:function: worked out outside, checked by the contract",
     )
     qou_weights: Weights = Field((0.25, 0.25, 0.25, 0.25), description="bandwidth, battery, reputation, closeness")

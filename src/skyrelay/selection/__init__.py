@@ -2,6 +2,7 @@
 
 from skyrelay.selection.allocation import allocate
 from skyrelay.selection.methods import METHODS, OBJECTIVES, Metrics, Selection, evaluate, select
+from skyrelay.selection.near_feasible import Matching, near_feasible_matching
 from skyrelay.selection.proposal import propose
 from skyrelay.selection.quality import qou, qov
 from skyrelay.selection.stability import blocking_pairs, count_blocking_pairs, is_valid
@@ -9,6 +10,7 @@ from skyrelay.selection.stability import blocking_pairs, count_blocking_pairs, i
 __all__ = [
     "METHODS",
     "OBJECTIVES",
+    "Matching",
     "Metrics",
     "Selection",
     "allocate",
@@ -16,6 +18,7 @@ __all__ = [
     "count_blocking_pairs",
     "evaluate",
     "is_valid",
+    "near_feasible_matching",
     "propose",
     "qou",
     "qov",

@@ -14,16 +14,19 @@ from skyrelay.core.entities import FloatArray, IntArray, UavTable, VehicleTable
 from skyrelay.core.errors import SelectionError, SkyRelayError, UsageError
 from skyrelay.core.scenario import Selection as Settings
 from skyrelay.selection.deferred_acceptance import Round, deferred_acceptance
+from skyrelay.selection.near_feasible import near_feasible
 from skyrelay.selection.nearest_neighbor import nearest_neighbor
 from skyrelay.selection.optimal import Objective, optimal
 from skyrelay.selection.quality import pair_qou, pair_qov
 from skyrelay.selection.sequential import nearest, random
-from skyrelay.selection.stability import count_blocking_pairs, is_valid
+from skyrelay.selection.stability import count_blocking_pairs, excess, is_valid
 
-METHODS = ("two-sided", "nnm", "optimal", "nearest", "random")
+METHODS = ("two-sided", "near-feasible", "nnm", "optimal", "nearest", "random")
 OBJECTIVES = ("qou", "qov", "served")
 GROUP = "skyrelay.methods"
 """Of entry points."""
+
+_ANY_GAIN = 1e9  # points of QoU
 
 Method = Callable[[VehicleTable, UavTable, Settings], IntArray]
 """An own method: [V] index of each vehicle's UAV, or -1."""
@@ -66,6 +69,9 @@ class Metrics:
         mean_qou, mean_qov: over the served vehicles.
         used_bandwidth: that the served vehicles asked [kbit/s].
         used_bandwidth_percent: of what all UAVs have.
+        excess_bandwidth: that UAVs promised above what they have, in all [kbit/s]; only ``near-feasible`` does.
+        max_excess: of one UAV [kbit/s].
+        uavs_exceeded: how many UAVs promised more than they have.
         blocking_pairs: see `stability.count_blocking_pairs`.
     """
 
@@ -80,6 +86,9 @@ class Metrics:
     mean_qov: float | None
     used_bandwidth: float
     used_bandwidth_percent: float | None
+    excess_bandwidth: float
+    max_excess: float
+    uavs_exceeded: int
     blocking_pairs: int
 
 
@@ -96,13 +105,14 @@ def select(
     time_limit: float | None = None,
     gap: float = 1e-4,
     seed: int = 0,
+    within: bool = False,
 ) -> Selection:
     """Select a UAV for each vehicle.
 
     Args:
-        method: ``two-sided`` (the paper's), ``nnm`` (its benchmark), ``optimal`` (MILP), ``nearest`` or ``random``; an
-            entry point of the group `GROUP`, or ``module:function`` that the user has named: `Method`; left out: as
-            ``settings`` say.
+        method: ``two-sided`` (the paper's), ``near-feasible`` (stable, bandwidths exceeded by less than one demand),
+            ``nnm`` (the paper's benchmark), ``optimal`` (MILP), ``nearest`` or ``random``; an entry point of the group
+            `GROUP`, or ``module:function`` that the user has named: `Method`; left out: as ``settings`` say.
         settings: weights, maxima, candidate rule; left out: the defaults of a scenario's ``[selection]``.
         rounds: of ``two-sided``: 1 is the paper; more: a refused or displaced vehicle proposes again; ``"full"``: until
             nobody has anyone left to ask (deferred acceptance); left out: as ``settings`` say.
@@ -113,6 +123,8 @@ def select(
         time_limit: of ``optimal``: [s] after which the best assignment found is taken; None: no limit.
         gap: of ``optimal``: share of the bound within which an assignment is good enough.
         seed: of ``random``.
+        within: of ``near-feasible``: hold UAVs to their bandwidths, as the contract does. They choose among the
+            vehicles that they were given by Algorithm 2; who is refused asks on, until nobody has anyone left to ask.
     Raises:
         UsageError: a method, an objective or a number of rounds that there is not.
         SelectionError: an incumbent that is no UAV of the table; an own method that raises, or breaks the rules.
@@ -131,6 +143,12 @@ def select(
             check_hysteresis(rule.hysteresis if hysteresis is None else hysteresis),
         )
         return _result(vehicles, uavs, assignment, rule, method, rounds=played)
+    if method == "near-feasible":
+        assignment = near_feasible(vehicles, uavs, rule).assignment
+        if within:
+            # Whoever has a UAV asks it first, whatever others offer.
+            assignment, _ = deferred_acceptance(vehicles, uavs, rule, None, assignment, _ANY_GAIN)
+        return _result(vehicles, uavs, assignment, rule, method)
     if method == "optimal":
         _check(objective, OBJECTIVES, "objective")
         assignment, total, left = optimal(vehicles, uavs, rule, objective, time_limit, gap)
@@ -146,6 +164,7 @@ def evaluate(vehicles: VehicleTable, uavs: UavTable, selection: Selection, setti
     """Measure a selection, blocking pairs included."""
     served = np.flatnonzero(selection.assignment >= 0)
     selected = len(np.unique(selection.assignment[served]))
+    over = excess(vehicles, uavs, selection.assignment)
     used, available = float(vehicles.demand[served].sum()), float(uavs.bandwidth.sum())
     return Metrics(
         vehicles=len(vehicles),
@@ -159,6 +178,9 @@ def evaluate(vehicles: VehicleTable, uavs: UavTable, selection: Selection, setti
         mean_qov=float(selection.qov[served].mean()) if selected else None,
         used_bandwidth=used,
         used_bandwidth_percent=100.0 * used / available if available else None,
+        excess_bandwidth=float(over.sum()),
+        max_excess=float(over.max(initial=0.0)),
+        uavs_exceeded=int((over > 0.0).sum()),
         blocking_pairs=count_blocking_pairs(vehicles, uavs, selection.assignment, settings or Settings()),
     )
 

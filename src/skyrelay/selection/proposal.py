@@ -7,7 +7,7 @@ equals the plain loop (`reference.propose`) to the last bit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,39 +103,58 @@ class Preferences:
             end += int(count.sum())
         return _Lists(np.concatenate(pieces), start, length)
 
+    def near(
+        self, rows: IntArray, admit: Callable[[IntArray, IntArray], BoolArray]
+    ) -> Iterator[tuple[IntArray, IntArray, FloatArray, BoolArray]]:
+        """How close vehicles and UAVs are, block by block; the arrays hold until the next block.
+
+        Args:
+            rows: [R] indices of vehicles, all distinct.
+            admit: of some vehicles and UAVs, which of the vehicles matter.
+        Yields: positions in ``rows`` [H], UAVs [W] (ascending), and [H, W] `quality.closeness` and who is no candidate.
+        """
+        scratch = _Scratch()
+        for where, columns in self._blocks(rows, prune=False):
+            for part in _low(where[admit(rows[where], columns)], columns):
+                yield part, columns, *self._closeness(rows[part], columns, scratch)
+
     def _scored(self, rows: IntArray, prune: bool) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
         """Positions in ``rows``, UAVs (ascending), and the QoU of the ones for the others, -inf for no candidate."""
         scratch = _Scratch()
         for where, columns in self._blocks(rows, prune):
-            height = max(1, _BLOCK_PAIRS // max(1, len(columns)))
-            for begin in range(0, len(where), height):
-                part = where[begin : begin + height]
+            for part in _low(where, columns):
                 yield part, columns, self._score(rows[part], columns, scratch)
 
     def _score(self, rows: IntArray, columns: IntArray, scratch: _Scratch) -> FloatArray:
-        """`quality.qou` of a block in place, in the same order of steps.
+        """`quality.qou` of a block in place, in the same order of steps."""
+        score, mask = self._closeness(rows, columns, scratch)
+        np.multiply(self._settings.qou_weights[3], score, out=score)
+        np.add(self._standing[columns], score, out=score)
+        np.multiply(100.0, score, out=score)
+        if self._settings.candidates == "range":
+            np.copyto(score, -np.inf, where=mask)
+        return score
+
+    def _closeness(self, rows: IntArray, columns: IntArray, scratch: _Scratch) -> tuple[FloatArray, BoolArray]:
+        """`quality.closeness` of a block in place, in the same order of steps, and who is out of range.
 
         Writing into arrays that stay in the cache makes this five times as fast as the plain expression.
         """
-        settings = self._settings
-        score, work, mask = scratch.shaped(len(rows), len(columns))
-        np.subtract(self._vehicles.x[rows, None], self._uavs.x[columns], out=score)
+        near, work, mask = scratch.shaped(len(rows), len(columns))
+        np.subtract(self._vehicles.x[rows, None], self._uavs.x[columns], out=near)
         np.subtract(self._vehicles.y[rows, None], self._uavs.y[columns], out=work)
-        np.multiply(score, score, out=score)
+        np.multiply(near, near, out=near)
         np.multiply(work, work, out=work)
-        np.add(score, work, out=score)
-        np.sqrt(score, out=score)
-        if settings.candidates == "range":
-            np.greater(score, settings.max_distance, out=mask)
-        np.divide(score, settings.max_distance, out=score)
-        np.minimum(score, 1.0, out=score)
-        np.subtract(1.0, score, out=score)
-        np.multiply(settings.qou_weights[3], score, out=score)
-        np.add(self._standing[columns], score, out=score)
-        np.multiply(100.0, score, out=score)
-        if settings.candidates == "range":
-            np.copyto(score, -np.inf, where=mask)
-        return score
+        np.add(near, work, out=near)
+        np.sqrt(near, out=near)
+        if self._settings.candidates == "range":
+            np.greater(near, self._settings.max_distance, out=mask)
+        else:
+            mask.fill(False)
+        np.divide(near, self._settings.max_distance, out=near)
+        np.minimum(near, 1.0, out=near)
+        np.subtract(1.0, near, out=near)
+        return near, mask
 
     def _blocks(self, rows: IntArray, prune: bool) -> Iterator[tuple[IntArray, IntArray]]:
         """Positions in ``rows`` and, ascending, the UAVs that these vehicles have to look at."""
@@ -231,6 +250,13 @@ class _Scratch:
             self._work[:count].reshape(height, width),
             self._mask[:count].reshape(height, width),
         )
+
+
+def _low(where: IntArray, columns: IntArray) -> Iterator[IntArray]:
+    """``where`` in parts that make blocks of a bounded size with ``columns``."""
+    height = max(1, _BLOCK_PAIRS // max(1, len(columns)))
+    for begin in range(0, len(where), height):
+        yield where[begin : begin + height]
 
 
 def _beyond(low: float, value: FloatArray, high: float) -> FloatArray:

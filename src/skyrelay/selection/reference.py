@@ -100,6 +100,41 @@ def two_sided(vehicles: VehicleTable, uavs: UavTable, settings: Settings, rounds
     return assignment
 
 
+def near_feasible(vehicles: VehicleTable, uavs: UavTable, settings: Settings) -> list[int]:
+    """Deferred acceptance, one vehicle at a time, with UAVs that hold vehicles until their bandwidth is filled.
+
+    The UAV of each vehicle or -1; each UAV is exceeded by less than the demand of the last vehicle that it holds.
+    """
+    assignment = [-1] * len(vehicles)
+    refused_by: list[frozenset[int]] = [frozenset()] * len(vehicles)
+    for u in range(len(uavs)):
+        for v in range(len(vehicles)):
+            if vehicles.demand[v] > uavs.bandwidth[u]:
+                refused_by[v] |= {u}
+    held: list[list[int]] = [[] for _ in range(len(uavs))]
+    asking = list(range(len(vehicles)))
+    while asking:
+        v = asking.pop()
+        u = propose(vehicles, v, uavs, settings, refused_by[v])
+        if u < 0:
+            continue
+        ranked = sorted(
+            [*held[u], v],
+            key=lambda w: (-qov_of(vehicles, w, uavs, u, settings) / math.sqrt(float(vehicles.demand[w]) / 1000), w),
+        )
+        held[u], taken = [], 0.0
+        for w in ranked:
+            if taken < uavs.bandwidth[u]:
+                held[u].append(w)
+                taken += float(vehicles.demand[w])
+                assignment[w] = u
+            else:
+                assignment[w] = -1
+                refused_by[w] |= {u}
+                asking.append(w)
+    return assignment
+
+
 def _distance(vehicles: VehicleTable, v: int, uavs: UavTable, u: int) -> float:
     dx = float(vehicles.x[v]) - float(uavs.x[u])
     dy = float(vehicles.y[v]) - float(uavs.y[u])

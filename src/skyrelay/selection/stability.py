@@ -34,12 +34,20 @@ def is_valid(vehicles: VehicleTable, uavs: UavTable, assignment: IntArray, setti
     )
 
 
+def excess(vehicles: VehicleTable, uavs: UavTable, assignment: IntArray) -> FloatArray:
+    """[U] bandwidth that each UAV promised above what it has [kbit/s]; of a valid selection none."""
+    rows = np.flatnonzero(assignment >= 0)
+    over = np.bincount(assignment[rows], weights=vehicles.demand[rows], minlength=len(uavs)) - uavs.bandwidth
+    return np.where(over > BANDWIDTH_TOLERANCE, over, 0.0)
+
+
 def count_blocking_pairs(vehicles: VehicleTable, uavs: UavTable, assignment: IntArray, settings: Settings) -> int:
     """How many pairs block the assignment under bandwidth quotas; none: it is stable.
 
     A candidate pair (v, u) blocks when v would gain QoU by changing to u (or is unserved), and u has the bandwidth
     that v asks once the vehicles are sent away whose QoV/sqrt(RB) at u is below v's. For equal demands this is the
-    blocking pair of the hospital-resident problem.
+    blocking pair of the hospital-resident problem. Where a UAV promised more than it has, its bandwidth counts as
+    raised to what it promised; a vehicle that asks for more than it has by itself is no pair.
 
     Args:
         assignment: [V] UAV or -1.
@@ -72,8 +80,10 @@ def _blocks(
     held_score = density(pair_qov(vehicles, uavs, served, home, settings), vehicles.demand[served])
     score = density(pairs.qov[gains], vehicles.demand[vehicle])
     kept = _load_at_least(home, held_score, vehicles.demand[served], uav, score)
+    raised = uavs.bandwidth + excess(vehicles, uavs, assignment)
     result = np.zeros(len(pairs), dtype=bool)
-    result[gains] = vehicles.demand[vehicle] <= uavs.bandwidth[uav] - kept
+    asked = vehicles.demand[vehicle]
+    result[gains] = (asked <= raised[uav] - kept) & (asked <= uavs.bandwidth[uav])
     return result
 
 

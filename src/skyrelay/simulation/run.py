@@ -296,6 +296,7 @@ class Run:
             settings=self.scenario.selection,
             seed=self.scenario.seed + period,
             time_limit=METHOD_SECONDS,
+            within=True,
         ).assignment
         return {vehicle: uavs.ids[uav] for vehicle, uav in zip(vehicles.ids, chosen.tolist(), strict=True) if uav >= 0}
 

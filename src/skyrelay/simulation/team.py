@@ -73,7 +73,13 @@ class Team:
         index[airborne] = np.arange(len(airborne))
         incumbent = index[self.flight.owner[rows]]
         chosen = select(
-            vehicles, uavs, settings=self._settings, incumbent=incumbent, seed=seed, time_limit=METHOD_SECONDS
+            vehicles,
+            uavs,
+            settings=self._settings,
+            incumbent=incumbent,
+            seed=seed,
+            time_limit=METHOD_SECONDS,
+            within=True,
         ).assignment
         owner = np.full(len(tracks.ids), NOBODY)
         owner[rows[chosen >= 0]] = airborne[chosen[chosen >= 0]]
