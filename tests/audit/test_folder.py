@@ -128,6 +128,7 @@ def opening(rows):
         ("uavs", "zone", lambda value: value % 9 + 1, None),
         ("uavs", "selected", lambda value: not value, None),
         ("uavs", "y", lambda value: value + 5, opening),
+        ("metrics", "time", lambda value: value + 0.5, None),
         ("metrics", "covered", lambda value: value + 1, None),
         ("metrics", "connected", lambda value: value + 1, None),
         ("metrics", "coverage", lambda value: value * 0.99, None),
@@ -205,6 +206,26 @@ def test_a_rewritten_scenario_page_or_policy_is_named(folder):
     assert places(folder) == {"store"}
     block.unlink()
     assert places(folder) == {"store"}
+
+
+def test_a_small_file_of_a_long_text_many_times_is_named(folder):
+    """Dictionary coding makes gigabytes of text fit into kilobytes."""
+    events, rows = pq.read_table(folder / "events.parquet"), 50_000
+    texts = pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, np.int32)), pa.array(["x" * 2**20]))
+    long = {
+        field.name: texts.cast(pa.dictionary(pa.int32(), pa.string()))
+        if pa.types.is_string(field.type) or pa.types.is_dictionary(field.type)
+        else pa.array(np.zeros(rows, np.int64)).cast(field.type)
+        for field in events.schema
+    }
+    pq.write_table(pa.table(long), folder / "events.parquet", compression="zstd")
+    assert (folder / "events.parquet").stat().st_size < 2**20
+    assert any(difference.place.startswith("events.parquet") for difference in audit_folder(folder).differences)
+
+
+def test_events_that_are_no_json_are_differences_and_no_end(folder):
+    change(folder, "events", "args", lambda _: "no JSON")
+    assert "events.parquet" in places(folder)
 
 
 def test_a_file_that_is_gone_or_no_table_is_named(folder):

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyrelay.core.untrusted import parse_json, read_json
+from skyrelay.core.errors import UsageError
+from skyrelay.core.untrusted import MAX_VALUES, hex_bytes, hex_number, parse_json, parse_toml, read_json
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),
@@ -96,3 +97,51 @@ def test_long_text_is_refused(tmp_path: Path) -> None:
 def test_no_import_raises_the_recursion_limit(module: str) -> None:
     program = f"import sys; before = sys.getrecursionlimit(); import {module}; assert sys.getrecursionlimit() == before"
     subprocess.run([sys.executable, "-c", program], check=True, env={"PYTHONPATH": ":".join(sys.path)})
+
+
+def test_the_number_of_values_is_bounded_as_well():
+    with pytest.raises(ValueError, match="values"):
+        parse_json(b"[" + b"0," * (MAX_VALUES + 1) + b"0]")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["a = " + "[" * 5_000 + "]" * 5_000, "a = " + "{a=" * 5_000 + "1" + "}" * 5_000, "a = " + "9" * 5_000, "a ="],
+)
+def test_what_is_no_toml_or_too_deep_is_a_value_error(text):
+    with pytest.raises(ValueError):
+        parse_toml(f"a = {text}")
+
+
+@given(st.binary(max_size=40))
+def test_hexadecimal_data_has_one_spelling(data):
+    assert hex_bytes("0x" + data.hex()) == data
+    for other in (data.hex(), " 0x" + data.hex(), "0x" + data.hex() + " ", "0x" + data.hex() + "0", "0X" + data.hex()):
+        with pytest.raises(ValueError):
+            hex_bytes(other)
+
+
+@given(st.integers(0, 2**256 - 1))
+def test_hexadecimal_numbers_have_no_signs_and_an_end(number):
+    assert hex_number(hex(number)) == number
+    for other in (
+        f"-{hex(number)}",
+        f"0x-{number:x}",
+        f"0x_{number:x}",
+        f"0x {number:x}",
+        "0x" + "f" * 65,
+        "0x",
+        number,
+    ):
+        with pytest.raises(ValueError):
+            hex_number(other)
+
+
+def test_an_error_can_quote_a_number_of_any_length_and_a_table_of_any_depth():
+    assert "a number of 400,000 bits" in str(UsageError("seed", (1 << 400_000) - 1, "a seed"))
+    deep = {}
+    for _ in range(100_000):
+        deep = {"a": deep}
+    assert str(UsageError("name", deep, "a name")) == "name: is a dict; expected a name"
+    while deep:  # or its end would be as deep
+        deep = deep["a"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from skyrelay.core.errors import ModelError
-from skyrelay.policy import Policy
+from skyrelay.policy import Policy, trial
 from skyrelay.policy.graph import check_graph
 from skyrelay.policy.trial import require_harmless
 
@@ -199,6 +200,7 @@ def test_another_process_meets_it_first(good: bytes, monkeypatch: pytest.MonkeyP
 
 
 def test_a_process_that_ends_is_told(good: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    trial.end()
     monkeypatch.setattr(sys, "executable", "/bin/false")
     with pytest.raises(ModelError, match="a process that tried it ended with status 1"):
         require_harmless(good + b"\0", "offered.onnx")
@@ -226,3 +228,32 @@ def test_a_policy_that_fails_later_is_told_in_one_line() -> None:
     assert "\n" not in str(refused.value)
     with pytest.raises(ModelError, match="not a number"):
         policy.decide(np.full((1, len(policy.card.maps), policy.n, policy.n), np.nan, dtype=np.float32))
+
+
+def test_a_policy_that_takes_too_long_to_decide_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It loads, and ends: but a UAV has a step's time."""
+    trial.require_prompt(Policy.builtin("generalist"))
+    monkeypatch.setattr(trial, "DECISION", 0.0)
+    with pytest.raises(ModelError, match="processor time"):
+        trial.require_prompt(Policy.builtin("generalist"))
+
+
+def test_a_policy_that_fails_on_other_maps_than_empty_ones_is_refused(good: bytes) -> None:
+    nodes = [
+        helper.make_node("ReduceMax", [onnx.ModelProto.FromString(good).graph.input[0].name], ["most"], keepdims=0),
+        helper.make_node("Mul", ["most", "big"], ["huge"]),
+        helper.make_node("Exp", ["huge"], ["endless"]),
+        helper.make_node("Add", ["told", "endless"], ["logits"]),
+    ]
+    with pytest.raises(ModelError, match="not a number"):
+        Policy.load(altered(good, before_the_output(*nodes, weights={"big": np.float32(1e4)})), "offered")
+
+
+def test_nothing_is_imported_from_the_folder_that_one_stands_in(
+    good: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "onnx.py").write_text(f"open({str(tmp_path / 'owned')!r}, 'w').close()")
+    monkeypatch.chdir(tmp_path)
+    trial.end()
+    require_harmless(altered(good, lambda model: setattr(model, "doc_string", "another")), "offered")
+    assert not (tmp_path / "owned").exists()

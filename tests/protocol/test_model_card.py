@@ -46,6 +46,30 @@ def test_a_model_that_was_retired_after_it_was_assigned_is_refused(town):
         town.select()
 
 
+def test_a_host_that_takes_refusals_outlives_a_policy_that_does_not_fit(town, monkeypatch):
+    """A publisher's file, or a store that is silent, ends nobody else's flight: the UAV hovers and asks again."""
+    told = []
+    town.host._refused = lambda agent, error: told.append((agent.name, type(error)))
+    publish(town, replace(chain_card(town.policy.card), score=-0.001))
+    town.select()
+    assert {kind for _, kind in told} == {ModelError}
+    assert town.fly(0) == {}
+
+
+def test_a_host_that_takes_refusals_outlives_a_policy_that_fails_in_flight(town, monkeypatch):
+    told = []
+    town.host._refused = lambda agent, error: told.append((agent.name, type(error)))
+    town.select()
+    assert town.fly(0)
+
+    def fails(maps):
+        raise ModelError("policy", None, "a network that decides")
+
+    monkeypatch.setattr(town.policy, "decide", fails)
+    assert town.fly(1) == {}
+    assert {kind for _, kind in told} == {ModelError}
+
+
 def test_a_policy_without_an_evaluation_comes_last(town):
     untested = town.policy.card.model_copy(update={"evaluation": []})
     assert chain_card(untested).score == UNTESTED < chain_card(town.policy.card).score

@@ -75,7 +75,8 @@ def audit_folder(folder: Path, progress: Progress = in_silence, *, head: str | N
     progress("working the figures out from the tables")
     law = Law.of(resolve(run.scenario, run.grid), run.grid)
     demands = one_demand_each(compared, rows["members"])
-    check_metrics(compared, run.metrics, run.vehicles, run.uavs, law, told, demands, summary.period_steps)
+    clock = (summary.period_steps, summary.step_seconds)
+    check_metrics(compared, run.metrics, run.vehicles, run.uavs, law, told, demands, clock)
     mined = {
         "transactions": len(report.gas),
         "gas_used": sum(report.gas),
@@ -245,10 +246,10 @@ def _check_page(compared: Compared, run: Run) -> None:
     """The page is the one that this version draws from these tables."""
     page = run.path / "report.html"
     compared.count("pages")
-    text = render(run)
     try:
+        text = render(run)
         drawn = page.stat().st_size == len(text.encode()) and page.read_text(encoding="utf-8") == text
-    except (OSError, ValueError):
+    except (OSError, ValueError, RunFolderError):
         drawn = False
     if not drawn:
         compared.differs(page.name, "its text", "another", "what `skyrelay report` draws from the tables")

@@ -45,13 +45,15 @@ def check_metrics(
     law: Law,
     told: History,
     demands: Mapping[str, int],
-    period_steps: int,
+    clock: tuple[int, float],
 ) -> None:
     """What each vehicle gets, and every row of the metrics, worked out from who was where and served by whom.
 
     Args:
         demands: of the vehicles that were there when a selection began, by name [kbit/s].
+        clock: steps of a period, seconds of a step.
     """
+    period_steps, step_seconds = clock
     file = "metrics.parquet"
     steps = int(uavs["step"].max(initial=0))
     numbers = {name: number for number, name in enumerate(dict.fromkeys(uavs["uav"]))}
@@ -94,7 +96,11 @@ def check_metrics(
     for row, (step, zone) in enumerate(zip(metrics["step"].tolist(), metrics["zone"].tolist(), strict=True)):
         here = order[bounds[step] : bounds[step + 1]]
         inside = here[vehicles["zone"][here] == zone] if zone else here
-        expected = {"connected": float(len(inside)), "demand_mbps": float(mbps[inside].sum())}
+        expected = {
+            "time": step * step_seconds,
+            "connected": float(len(inside)),
+            "demand_mbps": float(mbps[inside].sum()),
+        }
         for kind, team in teams.items():
             mine = here[team[here] == zone] if zone else here[team[here] > 0]
             reached = mine[vehicles[f"{kind}covered"][mine]]

@@ -84,5 +84,8 @@ class RunFolderError(SkyRelayError):
 
 def _quote(value: object, limit: int = 120) -> str:
     """``value`` on one line, shortened."""
-    text = " ".join((repr(value) if isinstance(value, str) else str(value)).split())
+    try:
+        text = " ".join((repr(value) if isinstance(value, str) else str(value)).split())
+    except (ValueError, RecursionError):  # a number that Python does not write in tens, tables without end
+        text = f"a number of {value.bit_length():,} bits" if isinstance(value, int) else f"a {type(value).__name__}"
     return text if len(text) <= limit else text[: limit - 3] + "..."

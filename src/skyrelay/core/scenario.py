@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import math
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -15,7 +14,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from skyrelay.core import plugins
 from skyrelay.core.errors import ScenarioError
-from skyrelay.core.untrusted import read_json
+from skyrelay.core.untrusted import parse_toml, read_json
 
 # Strict: `true` is no number, nor is "3"; a whole number is still taken where a fraction may stand.
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -483,8 +482,8 @@ def load_scenario(source: str | Path = "bologna", overrides: Sequence[str] = (),
     """
     place, text, folder = _read(source)
     try:
-        tree: dict[str, Any] = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # ValueError: also a number of more digits than Python reads
+        tree = parse_toml(text)
+    except ValueError as error:
         raise ScenarioError(place, None, f"TOML ({error})") from error
     if folder is not None and "name" not in tree and _fits_a_name(Path(source).stem):
         tree["name"] = Path(source).stem
@@ -613,8 +612,8 @@ def _override(tree: dict[str, Any], override: str) -> None:
     if not equals or not key:
         raise ScenarioError("--set", override, "key=value, e.g. --set fleet.uavs=20")
     try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except (ValueError, RecursionError):
+        value = parse_toml(f"value = {text}")["value"]
+    except ValueError:
         value = text.strip()  # a bare word is a string, so that the shell needs no nested quotes
     *sections, last = key.split(".")
     for section in sections:

@@ -1,13 +1,21 @@
-"""JSON from outside: bounded before it is parsed, since a parser's own limits are its caller's stack and memory."""
+"""Text from outside: bounded before it is parsed, since a parser's own limits are its caller's stack and memory.
+
+And of one form: what can be spelled in two ways is compared by one and hashed by the other.
+"""
 
 from __future__ import annotations
 
+import binascii
 import json
+import tomllib
 from pathlib import Path
 from typing import Any
 
 MAX_JSON = 64 * 2**20
 """Longest text that is parsed where the caller knows no smaller bound [bytes]."""
+
+MAX_VALUES = 4 << 20
+"""Most values of a text: an empty object is two bytes of text and sixty of memory."""
 
 _NO_BRACKETS = bytes(set(range(256)) - set(b"[]{}"))
 
@@ -19,11 +27,13 @@ def parse_json(data: bytes | str, *, size: int = MAX_JSON, depth: int = 32) -> A
         size: at most so many bytes.
         depth: at most so many arrays and objects around a value.
     Raises:
-        ValueError: it is longer or deeper, or no JSON in UTF-8.
+        ValueError: it is longer or deeper, of more values than `MAX_VALUES`, or no JSON in UTF-8.
     """
     content = data.encode("utf-8", "surrogatepass") if isinstance(data, str) else data
     if len(content) > size:
         raise ValueError(f"{len(content):,} bytes, at most {size:,} are read")
+    if content.count(b",") > MAX_VALUES:
+        raise ValueError(f"more than {MAX_VALUES:,} values")
     if _deeper(content, depth):
         raise ValueError(f"more than {depth} levels of arrays and objects")
     # Not `json.loads(content)`: it would take UTF-16 and UTF-32, too, whose bytes the levels were not counted in.
@@ -39,6 +49,41 @@ def read_json(path: Path, *, size: int = MAX_JSON, depth: int = 32) -> Any:
     """
     with path.open("rb") as file:
         return parse_json(file.read(size + 1), size=size, depth=depth)
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """The tables of a TOML text, of a length that the caller has bounded.
+
+    Raises:
+        ValueError: it is none, has a number of more digits than Python reads, or is too deep.
+    """
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("arrays and tables too deep within each other") from None
+
+
+def hex_bytes(text: Any) -> bytes:
+    """The bytes that JSON-RPC's data names: ``0x`` and pairs of hexadecimal digits, and nothing else.
+
+    Raises:
+        ValueError: it is something else; `bytes.fromhex` would pass over spaces.
+    """
+    if not isinstance(text, str) or not text.startswith("0x"):
+        raise ValueError("no data: 0x and pairs of hexadecimal digits")
+    return binascii.unhexlify(text[2:])
+
+
+def hex_number(text: Any) -> int:
+    """The number that JSON-RPC's quantity names: ``0x`` and at most 64 hexadecimal digits.
+
+    Raises:
+        ValueError: it is something else; `int` would take signs, spaces and underscores.
+    """
+    if not isinstance(text, str) or not 2 < len(text) <= 66:
+        raise ValueError("no quantity: 0x and at most 64 hexadecimal digits")
+    digits = text[2:]
+    return int.from_bytes(hex_bytes(text[:2] + "0" * (len(digits) % 2) + digits), "big")
 
 
 def _deeper(content: bytes, depth: int) -> bool:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -13,6 +12,7 @@ from skyrelay.airspace.law import Law
 from skyrelay.core.errors import UsageError
 from skyrelay.core.resolved import ResolvedScenario, resolve
 from skyrelay.core.scenario import load_scenario
+from skyrelay.core.untrusted import parse_toml
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.pilot.bus import ANY_PORT, Weather
 
@@ -161,10 +161,10 @@ def read_table(path: Path, kind: type[TableT]) -> TableT:
             content = file.read(MAX_BYTES + 1)
         if len(content) > MAX_BYTES:
             raise UsageError(path, f"over {MAX_BYTES} bytes", "a host's configuration")
-        tree: dict[str, Any] = tomllib.loads(content.decode("utf-8"))
+        tree = parse_toml(content.decode("utf-8"))
     except OSError as error:
         raise UsageError(path, None, f"a readable TOML file ({error.strerror})") from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except ValueError as error:
         raise UsageError(path, None, f"TOML ({error})") from error
     try:
         return kind.model_validate(tree)

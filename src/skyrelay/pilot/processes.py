@@ -96,7 +96,7 @@ class Children:
     def _launch(self, name: str, arguments: Sequence[str], output: int | None) -> subprocess.Popen[bytes]:
         with (self._folder / f"{name}.log").open("ab") as log:
             process = subprocess.Popen(  # noqa: S603  (our own interpreter and code)
-                [sys.executable, "-c", LAUNCH, *arguments],
+                [sys.executable, "-P", "-c", LAUNCH, *arguments],  # -P: no code from the folder that one stands in
                 stdin=subprocess.PIPE,
                 stdout=log if output is None else output,
                 stderr=log,

@@ -23,6 +23,7 @@ from skyrelay.chain.embedded.ledger import Block
 from skyrelay.chain.evm.gas import intrinsic_gas
 from skyrelay.chain.signed import SignedTransaction, read_signed
 from skyrelay.core.errors import ChainError
+from skyrelay.core.untrusted import hex_bytes, hex_number
 from skyrelay.pilot.journal import Journal
 
 CALL_GAS = 200_000_000
@@ -429,11 +430,9 @@ def _hex(data: bytes) -> str:
 
 def _bytes(text: Any) -> bytes:
     try:
-        if text[:2] == "0x":
-            return bytes.fromhex(text[2:])
-    except (TypeError, ValueError, KeyError):
-        pass
-    raise RpcError(PARAMS, "hexadecimal data with 0x before it is expected")
+        return hex_bytes(text)
+    except ValueError:
+        raise RpcError(PARAMS, "hexadecimal data with 0x before it is expected") from None
 
 
 def _address(text: Any) -> str:
@@ -449,12 +448,10 @@ def _hash(text: Any) -> str:
 
 
 def _quantity(text: Any) -> int:
-    if isinstance(text, str) and text[:2] == "0x" and 2 < len(text) <= 66:
-        try:
-            return int(text[2:], 16)
-        except ValueError:
-            pass
-    raise RpcError(PARAMS, "a hexadecimal number with 0x before it is expected")
+    try:
+        return hex_number(text)
+    except ValueError:
+        raise RpcError(PARAMS, "a hexadecimal number with 0x before it is expected") from None
 
 
 def _listed(value: Any) -> list[Any]:

@@ -17,6 +17,7 @@ from onnx import AttributeProto, TensorProto, numpy_helper, shape_inference
 from skyrelay.core.errors import ModelError
 
 MAX_NODES = 2_000
+MAX_OPSETS = 16
 MAX_ELEMENTS = 4 << 20
 """Of one value, for one observation."""
 MAX_ALL_ELEMENTS = 32 << 20
@@ -47,6 +48,8 @@ def check_graph(content: bytes, place: str) -> None:
         model = onnx.ModelProto.FromString(content)
     except Exception as error:  # protobuf's errors have no base of their own
         raise ModelError(place, None, "an ONNX file (its protobuf cannot be read)") from error
+    if len(model.opset_import) > MAX_OPSETS:
+        raise ModelError(place, f"{len(model.opset_import):,} sets of operators", f"at most {MAX_OPSETS}")
     if model.functions or model.training_info or any(one.domain not in ("", "ai.onnx") for one in model.opset_import):
         raise ModelError(place, "functions or operators of its own", "ONNX's standard operators alone")
     graph = model.graph

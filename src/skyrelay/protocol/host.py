@@ -9,9 +9,10 @@ from typing import ParamSpec, TypeVar
 
 from skyrelay.airspace.law import Law
 from skyrelay.airspace.sight import Sight
-from skyrelay.chain.abi import ContractError, Event
+from skyrelay.chain.abi import Event
 from skyrelay.chain.chain import Call, Receipt
 from skyrelay.chain.client import IovClient, Model
+from skyrelay.core.errors import ModelError, SkyRelayError, StoreError
 from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.calls import to_call
 from skyrelay.protocol.dispatch import Books
@@ -63,7 +64,8 @@ class Host:
         client: the contract.
         store: where policies come from; whatever it answers has been hashed again.
         heard: is called with every event, after the agents have heard it.
-        refused: is called with every call that the contract refuses, after its agent has been told; None: it raises.
+        refused: is called with every call that the contract refuses, after its agent has been told, and with every
+            policy that cannot be had, does not fit or fails in flight, whose UAV then hovers; None: it raises.
         relay: hands in what the vehicles here sign; None where none of them does.
         alone: whether nobody else writes to the contract, so that what is mined here is all there is to hear.
 
@@ -77,7 +79,7 @@ class Host:
         client: IovClient,
         store: ModelStore,
         heard: Callable[[Event], None],
-        refused: Callable[[Agent, ContractError], None] | None = None,
+        refused: Callable[[Agent, SkyRelayError], None] | None = None,
         *,
         relay: Relay | None = None,
         alone: bool = True,
@@ -228,10 +230,8 @@ class Host:
                 answer: Sequence[Command] = agent.receive(ZoneRead(self.view(zone)))
             case ReadStation(law):
                 answer = agent.receive(StationRead(self._stations(law).get(agent.address)))
-            case ReadModel(model):
-                answer = agent.receive(ModelRead(self.model(model)))
-            case FetchModel(cid):
-                answer = agent.receive(ModelFetched(cid, self.store.get(cid)))
+            case ReadModel() | FetchModel():
+                answer = self._equip(agent, command)
             case SendBeacon(beacon):
                 self._beacons.append(beacon)
                 return
@@ -250,6 +250,27 @@ class Host:
         for wish in answer:
             self._carry_out(agent, wish, calls, offers, undecided)
 
+    def _equip(self, agent: Agent, command: ReadModel | FetchModel) -> Sequence[Command]:
+        """Give a UAV what it asks for to have its zone's policy."""
+        try:
+            if isinstance(command, ReadModel):
+                return agent.receive(ModelRead(self.model(command.model)))
+            return agent.receive(ModelFetched(command.cid, self.store.get(command.cid)))
+        except (ModelError, StoreError) as error:
+            self._excuse([agent], error)
+            return ()
+
+    def _excuse(self, agents: Sequence[Agent], error: ModelError | StoreError) -> None:
+        """One policy must not end the flight of all others here: who would fly by it hovers, and asks for it again.
+
+        Raises:
+            ModelError, StoreError: nobody here takes such errors.
+        """
+        if self._refused is None:
+            raise error
+        for agent in agents:
+            self._refused(agent, error)
+
     def _decide(self, undecided: Sequence[tuple[Agent, Decide]]) -> None:
         """One run of the network for all UAVs that fly the same policy, each on its own sight."""
         by_policy: dict[Decider, list[tuple[Agent, Sight]]] = defaultdict(list)
@@ -257,7 +278,11 @@ class Host:
             by_policy[command.policy].append((agent, command.sight))
         for policy, group in by_policy.items():
             sights = [sight for _, sight in group]
-            actions = policy.decide(sights) if isinstance(policy, Rule) else decide(policy, sights)
+            try:
+                actions = policy.decide(sights) if isinstance(policy, Rule) else decide(policy, sights)
+            except ModelError as error:
+                self._excuse([agent for agent, _ in group], error)
+                continue
             for (agent, _), action in zip(group, actions, strict=True):
                 for wish in agent.receive(Decided(action)):
                     self._carry_out(agent, wish, [], [], [])

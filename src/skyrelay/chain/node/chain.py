@@ -17,6 +17,7 @@ from skyrelay.chain.chain import Answer, Call, LogEntry, Receipt, SentTransactio
 from skyrelay.chain.node.rpc import Endpoints, Reply, Request
 from skyrelay.chain.proof.root import TrustRoot
 from skyrelay.core.errors import ChainError
+from skyrelay.core.untrusted import hex_bytes, hex_number
 
 WINDOW = 1000
 """Transactions under way at once: a node's pool holds some thousands, shared by all who send."""
@@ -69,8 +70,8 @@ class NodeChain:
             [("eth_chainId", []), ("eth_getBlockByNumber", ["latest", False])], patience=min(5.0, patience)
         )
         with _readable("eth_getBlockByNumber"):
-            self._chain_id = _number(_result(first[0], "eth_chainId"))
-            self._block_gas_limit = _number(_result(first[1], "eth_getBlockByNumber")["gasLimit"])
+            self._chain_id = hex_number(_result(first[0], "eth_chainId"))
+            self._block_gas_limit = hex_number(_result(first[1], "eth_getBlockByNumber")["gasLimit"])
 
     # The Chain protocol
 
@@ -144,7 +145,7 @@ class NodeChain:
     def code(self, address: str) -> bytes:
         """The code of a contract; empty where there is none."""
         with _readable("eth_getCode"):
-            return _bytes(self._one("eth_getCode", address, "latest"))
+            return hex_bytes(self._one("eth_getCode", address, "latest"))
 
     def transaction(self, block: int, index: int) -> SentTransaction:
         """The transaction at a place of a block, as the node tells it."""
@@ -153,7 +154,10 @@ class NodeChain:
         with _readable(method):
             to = told["to"]
             return SentTransaction(
-                told["from"].lower(), _number(told["nonce"]), None if to is None else to.lower(), _bytes(told["input"])
+                _address(told["from"]),
+                hex_number(told["nonce"]),
+                None if to is None else _address(to),
+                hex_bytes(told["input"]),
             )
 
     # Beyond it
@@ -230,7 +234,7 @@ class NodeChain:
         replies = self._batch([("eth_getTransactionCount", [sender, "pending"]) for sender in senders])
         with _readable("eth_getTransactionCount"):
             nonces = {
-                sender: _number(_result(reply, "eth_getTransactionCount"))
+                sender: hex_number(_result(reply, "eth_getTransactionCount"))
                 for sender, reply in zip(senders, replies, strict=True)
             }
         signed = {}
@@ -276,7 +280,7 @@ class NodeChain:
         if not self._confirmations:
             return True
         with _readable("eth_getTransactionReceipt"):
-            if head < max(_number(r["blockNumber"]) for r in found.values()) + self._confirmations:
+            if head < max(hex_number(r["blockNumber"]) for r in found.values()) + self._confirmations:
                 return False
         again = self._receipts(list(found))
         moved = [digest for digest in found if again.get(digest, {}).get("blockHash") != found[digest]["blockHash"]]
@@ -289,7 +293,7 @@ class NodeChain:
             return self._receipts_of(calls, found)
 
     def _receipts_of(self, calls: Sequence[Call], found: Sequence[dict[str, Any]]) -> list[Receipt]:
-        failed = [place for place, receipt in enumerate(found) if _number(receipt["status"]) == 0]
+        failed = [place for place, receipt in enumerate(found) if hex_number(receipt["status"]) == 0]
         reasons = dict(zip(failed, self._reasons([(calls[i], found[i]) for i in failed]), strict=True))
         receipts = []
         for place, (call, receipt) in enumerate(zip(calls, found, strict=True)):
@@ -298,13 +302,13 @@ class NodeChain:
             receipts.append(
                 Receipt(
                     hash=receipt["transactionHash"],
-                    block=_number(receipt["blockNumber"]),
-                    transaction=_number(receipt["transactionIndex"]),
+                    block=hex_number(receipt["blockNumber"]),
+                    transaction=hex_number(receipt["transactionIndex"]),
                     sender=call.sender,
                     to=call.to,
                     created=created.lower() if created and place not in reasons else None,
                     status=place not in reasons,
-                    gas_used=_number(receipt["gasUsed"]),
+                    gas_used=hex_number(receipt["gasUsed"]),
                     logs=tuple(_log(entry) for entry in receipt["logs"]),
                     output=output,
                     halt=halt,
@@ -320,14 +324,14 @@ class NodeChain:
         """
         requests_: list[Request] = []
         for call, receipt in failed:
-            block = _number(receipt["blockNumber"])
+            block = hex_number(receipt["blockNumber"])
             requests_ += [("eth_call", [_message(call) | {"gas": hex(call.gas)}, hex(n)]) for n in (block, block - 1)]
         replies = self._batch(requests_)
         reasons: list[tuple[bytes, str | None]] = []
         for place, (call, receipt) in enumerate(failed):
             after, before = (_revert_data(reply) for reply in replies[2 * place : 2 * place + 2])
-            data = _bytes(receipt.get("revertReason") or "0x") or after or before or b""
-            spent = _number(receipt["gasUsed"]) == call.gas
+            data = hex_bytes(receipt.get("revertReason") or "0x") or after or before or b""
+            spent = hex_number(receipt["gasUsed"]) == call.gas
             reasons.append((data, "out of gas or invalid operation" if not data and spent else None))
         return reasons
 
@@ -335,7 +339,7 @@ class NodeChain:
 
     def _head(self) -> int:
         with _readable("eth_blockNumber"):
-            return _number(self._one("eth_blockNumber"))
+            return hex_number(self._one("eth_blockNumber"))
 
     def _one(self, method: str, *params: Any) -> Any:
         return _result(self._batch([(method, list(params))])[0], method)
@@ -361,17 +365,6 @@ def _readable(method: str) -> Iterator[None]:
         raise ChainError(f"chain: {method}", None, f"an answer of Ethereum's JSON-RPC ({error!r})") from None
 
 
-def _number(text: Any) -> int:
-    """A quantity of at most a word.
-
-    Raises:
-        ValueError: it is longer, or none.
-    """
-    if not isinstance(text, str) or len(text) > 66:
-        raise ValueError("no quantity of at most 256 bits")
-    return int(text, 16)
-
-
 def _message(call: Call) -> dict[str, str]:
     message = {"from": call.sender, "data": "0x" + call.data.hex()}
     return message if call.to is None else message | {"to": call.to}
@@ -386,7 +379,7 @@ def _result(reply: dict[str, Any], method: str) -> Any:
 def _answer(reply: dict[str, Any], name: str) -> Answer:
     if "error" not in reply:
         with _readable(name or "eth_call"):
-            return Answer(True, _bytes(reply["result"]))
+            return Answer(True, hex_bytes(reply["result"]))
     data = _revert_data(reply)
     if data is None:
         raise ChainError(f"chain: {name}", reply["error"]["message"], "an answer")
@@ -403,20 +396,20 @@ def _revert_data(reply: dict[str, Any]) -> bytes | None:
         data = data.get("data") or data.get("result")
     if isinstance(data, str) and "0x" in data:
         with _readable("eth_call"):
-            return _bytes(data[data.index("0x") :])  # some write "Reverted 0x..."
+            return hex_bytes(data[data.index("0x") :])  # some write "Reverted 0x..."
     return b"" if "revert" in str(error.get("message", "")).lower() else None
 
 
 def _log(entry: dict[str, Any]) -> LogEntry:
     return LogEntry(
-        entry["address"].lower(),
-        tuple(_bytes(topic) for topic in entry["topics"]),
-        _bytes(entry["data"]),
-        _number(entry["blockNumber"]),
-        _number(entry["transactionIndex"]),
-        _number(entry["logIndex"]),
+        _address(entry["address"]),
+        tuple(hex_bytes(topic) for topic in entry["topics"]),
+        hex_bytes(entry["data"]),
+        hex_number(entry["blockNumber"]),
+        hex_number(entry["transactionIndex"]),
+        hex_number(entry["logIndex"]),
     )
 
 
-def _bytes(text: str) -> bytes:
-    return bytes.fromhex(text.removeprefix("0x"))
+def _address(text: Any) -> str:
+    return "0x" + hex_bytes(text).hex()

@@ -10,11 +10,10 @@ from __future__ import annotations
 import ipaddress
 import json
 import re
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tomli_w
 from eth_keys.datatypes import PublicKey
@@ -24,6 +23,7 @@ from skyrelay.chain.node.devnet import Validator, fresh_key, genesis_of, node_co
 from skyrelay.core.errors import UsageError
 from skyrelay.core.files import write_text
 from skyrelay.core.folders import new_folder
+from skyrelay.core.untrusted import parse_toml
 
 MAX_BYTES = 2**20
 _NAME = r"^[a-z0-9]([a-z0-9.-]{0,62})$"
@@ -134,18 +134,17 @@ def _read(file: Path) -> _File:
             content = source.read(MAX_BYTES + 1)
         if len(content) > MAX_BYTES:
             raise UsageError(file, f"over {MAX_BYTES} bytes", "a list of hosts")
-        tree: dict[str, Any] = tomllib.loads(content.decode("utf-8"))
-        told = _File.model_validate(tree)
+        told = _File.model_validate(parse_toml(content.decode("utf-8")))
     except OSError as error:
         raise UsageError(file, error.strerror, "a readable TOML file") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        raise UsageError(file, None, f"TOML ({error})") from None
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         expected = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
         value = None if first["type"] in ("missing", "extra_forbidden") else first["input"]
         raise UsageError(f"{file}: {key}", value, expected) from None
+    except ValueError as error:
+        raise UsageError(file, None, f"TOML ({error})") from None
     _distinct(file, "name", [host.name for host in told.host])
     _distinct(file, "public_key", [host.public_key for host in told.host if host.public_key])
     for port in ("p2p_port", "rpc_port"):

@@ -15,9 +15,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.parquet as pq
-
 from skyrelay.chain import evm
 from skyrelay.chain.abi import Event, contract
 from skyrelay.chain.chain import LogEntry, SentTransaction
@@ -32,6 +29,7 @@ from skyrelay.chain.proof.sealed import SealedBlocks
 from skyrelay.chain.proof.signatures import Signatures
 from skyrelay.core.errors import ChainError, RunFolderError
 from skyrelay.core.untrusted import parse_json
+from skyrelay.runfolder.reader import read_table
 
 CHAIN_FOLDER = "chain"
 SUMMARY = "summary.json"
@@ -123,7 +121,7 @@ def audit_run(folder: Path, progress: Progress = in_silence, *, head: str | None
     events = report.events = _follow(logs, transactions, times, address, done.chain_id, report)
     report.gas = _gas(done.blocks, address, events)
     progress("comparing the tables")
-    _compare_events(folder / EVENTS, events, report)
+    _compare_events(folder, events, report)
     return report
 
 
@@ -256,26 +254,21 @@ def _compare_summary(summary: Mapping[str, Any] | None, expected: Mapping[str, A
             report.differences.append(Difference(f"{SUMMARY}: {key}", str(summary.get(key)), str(value)))
 
 
-def _compare_events(path: Path, events: Sequence[Event], report: AuditReport) -> None:
+def _compare_events(folder: Path, events: Sequence[Event], report: AuditReport) -> None:
     """The run's table of events is the chain's."""
     try:
-        table = pq.read_table(path, columns=["block", "tx", "log", "name", "args"], page_checksum_verification=True)
-        rows = table.to_pylist()
-    except (OSError, pa.ArrowException, ValueError) as error:
-        reason = " ".join(str(error).split())
-        report.differences.append(Difference(EVENTS, f"not readable ({reason})", "the chain's events"))
+        table = read_table(folder, "events")
+    except RunFolderError as error:
+        place, found = error.place.removeprefix(f"{folder}/"), str(error.value or "not readable")
+        report.differences.append(Difference(place, found, error.expected))
         return
-    if len(rows) != len(events):
-        report.differences.append(Difference(f"{EVENTS}: rows", str(len(rows)), str(len(events))))
+    if len(table["block"]) != len(events):
+        report.differences.append(Difference(f"{EVENTS}: rows", str(len(table["block"])), str(len(events))))
+    names = ("block", "tx", "log", "name", "args")
+    rows = zip(*(table[name][: len(events)].tolist() for name in names), strict=True)
     for number, (row, event) in enumerate(zip(rows, events, strict=False)):
         report.checked["rows of the events table"] += 1
-        expected = {
-            "block": event.block,
-            "tx": event.transaction,
-            "log": event.index,
-            "name": event.name,
-            "args": json.dumps(event.args),
-        }
-        for column, value in expected.items():
-            if row[column] != value:
-                report.differences.append(Difference(f"{EVENTS}: row {number}, {column}", str(row[column]), str(value)))
+        expected = (event.block, event.transaction, event.index, event.name, json.dumps(event.args))
+        for column, found, value in zip(names, row, expected, strict=True):
+            if found != value:
+                report.differences.append(Difference(f"{EVENTS}: row {number}, {column}", str(found), str(value)))

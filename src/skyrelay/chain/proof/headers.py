@@ -14,14 +14,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import rlp  # type: ignore[import-untyped]
 from eth_hash.auto import keccak
 from eth_keys.datatypes import Signature
 from eth_keys.exceptions import BadSignature
 from eth_utils.exceptions import ValidationError
 
 from skyrelay.chain.chain import LogEntry
-from skyrelay.chain.proof.trie import Node, encode, list_root
+from skyrelay.chain.proof.trie import Node, decode, encode, list_root
+from skyrelay.core.untrusted import hex_bytes, hex_number
 
 UNREADABLE = (
     KeyError,
@@ -29,7 +29,7 @@ UNREADABLE = (
     TypeError,
     ValueError,
     AttributeError,
-    rlp.RLPException,
+    OverflowError,
     BadSignature,
     ValidationError,
 )
@@ -80,11 +80,13 @@ class Seal:
 
 @dataclass(frozen=True, slots=True)
 class Transaction:
-    """What a transaction's signed bytes say: its hash, its sender, its recipient (None: it creates a contract)."""
+    """What a transaction's signed bytes say: hash, sender, nonce, recipient (None: it creates a contract), input."""
 
     hash: str
     sender: str
+    nonce: int
     to: str | None
+    data: bytes
 
 
 def header_hash(header: Mapping[str, Any]) -> tuple[str, Seal]:
@@ -93,7 +95,7 @@ def header_hash(header: Mapping[str, Any]) -> tuple[str, Seal]:
     QBFT and IBFT leave the commit seals out of the hash (QBFT the round, too), as they come after it; Clique's seal is
     in the hash and signs all but itself.
     """
-    fields = [_quantity(header[name]) if number else _bytes(header[name]) for name, number in _HEADER]
+    fields = [_quantity(header[name]) if number else hex_bytes(header[name]) for name, number in _HEADER]
     if "baseFeePerGas" in header:
         fields.append(_quantity(header["baseFeePerGas"]))
     place = [name for name, _ in _HEADER].index("extraData")
@@ -109,7 +111,7 @@ def header_hash(header: Mapping[str, Any]) -> tuple[str, Seal]:
             found = digest(extra[:_VANITY] + encode([validators, proposer, []]))
             signed = bytes(keccak(found + _IBFT_COMMIT))
         else:
-            vanity, validators, vote, round_, seals = rlp.decode(extra, strict=True)
+            vanity, validators, vote, round_, seals = decode(extra)
             found = digest(encode([vanity, validators, vote, b"", []]))
             signed = digest(encode([vanity, validators, vote, round_, []]))
         signers = frozenset(_signer(signed, seal) for seal in seals)
@@ -132,7 +134,7 @@ def raw_transaction(told: Mapping[str, Any]) -> bytes:
 
 
 def transaction(told: Mapping[str, Any]) -> Transaction:
-    """Hash, sender and recipient by a transaction's signed bytes."""
+    """What is believed of a transaction, by its signed bytes."""
     kind, unsigned, signature = _transaction(told)
     v = int.from_bytes(signature[0], "big")
     if not kind and v >= 35:
@@ -143,7 +145,13 @@ def transaction(told: Mapping[str, Any]) -> Transaction:
     r, s = (item.rjust(32, b"\0") for item in signature[1:])
     sender = _signer(bytes(keccak(kind + encode(unsigned))), r + s + bytes([parity]))
     to = told["to"]
-    return Transaction("0x" + keccak(raw_transaction(told)).hex(), sender, None if to is None else _address(_bytes(to)))
+    return Transaction(
+        "0x" + keccak(raw_transaction(told)).hex(),
+        sender,
+        hex_number(told["nonce"]),
+        None if to is None else _address(hex_bytes(to)),
+        hex_bytes(told["input"]),
+    )
 
 
 def receipts_root(receipts: Sequence[Mapping[str, Any]]) -> str:
@@ -156,9 +164,9 @@ def receipt_logs(receipts: Sequence[Mapping[str, Any]], block: int) -> list[LogE
     places = [(index, log) for index, receipt in enumerate(receipts) for log in receipt["logs"]]
     return [
         LogEntry(
-            log["address"].lower(),
-            tuple(_bytes(topic) for topic in log["topics"]),
-            _bytes(log["data"]),
+            _address(hex_bytes(log["address"])),
+            tuple(hex_bytes(topic) for topic in log["topics"]),
+            hex_bytes(log["data"]),
             block,
             transaction_,
             index,
@@ -169,51 +177,51 @@ def receipt_logs(receipts: Sequence[Mapping[str, Any]], block: int) -> list[LogE
 
 def may_have_logs(header: Mapping[str, Any], address: str) -> bool:
     """False where a header's bloom filter rules out that a contract emitted a log in the block."""
-    bloom, digest = int(header["logsBloom"], 16), keccak(_bytes(address))
+    bloom, digest = int.from_bytes(hex_bytes(header["logsBloom"]), "big"), keccak(hex_bytes(address))
     bits = (int.from_bytes(digest[i : i + 2], "big") % 2048 for i in (0, 2, 4))
     return all(bloom >> bit & 1 for bit in bits)
 
 
 def account_code_hash(account: bytes) -> bytes:
     """The hash of a contract's code, of its entry in the state's trie."""
-    _, _, _, code_hash = rlp.decode(account, strict=True)
+    _, _, _, code_hash = decode(account)
     return bytes(code_hash)
 
 
 def _ibft_extra(extra: bytes) -> list[Any] | None:
     """Validators, the proposer's seal and the commit seals where extra data has IBFT's form."""
     try:
-        found = rlp.decode(extra[_VANITY:], strict=True)
-    except rlp.RLPException:
+        found = decode(extra[_VANITY:])
+    except ValueError:
         return None
     return list(found) if isinstance(found, list) and len(found) == 3 else None
 
 
 def _transaction(told: Mapping[str, Any]) -> tuple[bytes, list[Node], list[bytes]]:
     """Type prefix, unsigned fields, and v, r, s."""
-    kind = int(told.get("type", "0x0"), 16)
+    kind = hex_number(told.get("type", "0x0"))
     prices = ["maxPriorityFeePerGas", "maxFeePerGas"] if kind == 2 else ["gasPrice"]
     fields: list[Node] = [_quantity(told[name]) for name in ("nonce", *prices, "gas")]
     to = told["to"]
-    fields += [b"" if to is None else _bytes(to), _quantity(told["value"]), _bytes(told["input"])]
+    fields += [b"" if to is None else hex_bytes(to), _quantity(told["value"]), hex_bytes(told["input"])]
     signature = [_quantity(told[name]) for name in ("v", "r", "s")]
     if kind == 0:
         return b"", fields, signature
     if kind not in (1, 2):
         raise ValueError(f"a transaction of type {kind}")
     access: Node = [
-        [_bytes(entry["address"]), [_bytes(key) for key in entry["storageKeys"]]] for entry in told["accessList"]
+        [hex_bytes(entry["address"]), [hex_bytes(key) for key in entry["storageKeys"]]] for entry in told["accessList"]
     ]
     return bytes([kind]), [_quantity(told["chainId"]), *fields, access], signature
 
 
 def _receipt(told: Mapping[str, Any]) -> bytes:
-    kind = int(told.get("type", "0x0"), 16)
+    kind = hex_number(told.get("type", "0x0"))
     logs: Node = [
-        [_bytes(log["address"]), [_bytes(topic) for topic in log["topics"]], _bytes(log["data"])]
+        [hex_bytes(log["address"]), [hex_bytes(topic) for topic in log["topics"]], hex_bytes(log["data"])]
         for log in told["logs"]
     ]
-    body = [_quantity(told["status"]), _quantity(told["cumulativeGasUsed"]), _bytes(told["logsBloom"]), logs]
+    body = [_quantity(told["status"]), _quantity(told["cumulativeGasUsed"]), hex_bytes(told["logsBloom"]), logs]
     return (bytes([kind]) if kind else b"") + encode(body)
 
 
@@ -229,12 +237,8 @@ def _address(data: bytes) -> str:
 
 
 def _quantity(text: str) -> bytes:
-    return _number(int(text, 16))
+    return _number(hex_number(text))
 
 
 def _number(value: int) -> bytes:
     return value.to_bytes((value.bit_length() + 7) // 8, "big")
-
-
-def _bytes(text: str) -> bytes:
-    return bytes.fromhex(text.removeprefix("0x"))

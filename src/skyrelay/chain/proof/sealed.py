@@ -26,6 +26,7 @@ from skyrelay.chain.proof.headers import (
 from skyrelay.chain.proof.replay import Difference
 from skyrelay.chain.proof.root import TrustRoot
 from skyrelay.chain.proof.trie import proven
+from skyrelay.core.untrusted import hex_bytes, hex_number
 
 _ANY = TrustRoot()
 _BY_VALIDATORS, _BY_ONE, _BY_NOBODY = "a quorum of validators", "one signer", "nobody"
@@ -108,8 +109,8 @@ class SealedBlocks:
             code = self._chain.code(address)
             place = f"code of {address} in block {block}"
             try:
-                nodes = [bytes.fromhex(node[2:]) for node in proof["accountProof"]]
-                account = proven(bytes.fromhex(root[2:]), keccak(bytes.fromhex(address[2:])), nodes)
+                nodes = [hex_bytes(node) for node in proof["accountProof"]]
+                account = proven(hex_bytes(root), keccak(hex_bytes(address)), nodes)
                 proven_hash = b"" if account is None else account_code_hash(account)
             except UNREADABLE as error:
                 self._differs(place, f"no proof ({error!r})", f"one that leads to the state's root {root}")
@@ -123,8 +124,8 @@ class SealedBlocks:
     def _check_header(self, place: str, number: int, told: Mapping[str, Any]) -> None:
         digest, seal = header_hash(told)
         self._report.checked["blocks"] += 1
-        if int(told["number"], 16) != number:
-            self._differs(f"{place}: number", str(int(told["number"], 16)), str(number))
+        if hex_number(told["number"]) != number:
+            self._differs(f"{place}: number", str(hex_number(told["number"])), str(number))
         if told["hash"] != digest:
             self._differs(f"{place}: hash", str(told["hash"]), f"{digest} by its header")
         if self._parent is not None and told["parentHash"] != self._parent:
@@ -133,7 +134,7 @@ class SealedBlocks:
         self._parent = digest
         self._head_seen |= digest == self._root.head
         self._state = (number, told["stateRoot"])
-        self.times[number] = int(told["timestamp"], 16)
+        self.times[number] = hex_number(told["timestamp"])
 
     def _check_seal(self, place: str, seal: Seal) -> None:
         """Enough of the validators, and validators whom enough of those before them accepted."""
@@ -215,11 +216,7 @@ class SealedBlocks:
                     place, f"receipts not readable ({error!r})", "receipts in the form of Ethereum's JSON-RPC"
                 )
             for index, known in enumerate(transactions):
-                told_as = block["transactions"][index]
-                sent = SentTransaction(
-                    known.sender, int(told_as["nonce"], 16), known.to, bytes.fromhex(told_as["input"][2:])
-                )
-                self.transactions[number, index] = sent
+                self.transactions[number, index] = SentTransaction(known.sender, known.nonce, known.to, known.data)
 
     def _differs(self, place: str, found: str, expected: str) -> None:
         self._report.differences.append(Difference(place, found, expected))

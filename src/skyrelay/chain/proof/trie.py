@@ -22,6 +22,20 @@ def encode(item: Node) -> bytes:
     return bytes(rlp.encode(item, infer_serializer=False))
 
 
+def decode(data: bytes) -> Any:
+    """What RLP of one item encodes: bytes, or a list of such.
+
+    Raises:
+        ValueError: it is none, or its lists stand within each other deeper than any header or node has them.
+    """
+    try:
+        return rlp.decode(data, strict=True)
+    except RecursionError:
+        raise ValueError("RLP of lists too deep within each other") from None
+    except rlp.RLPException as error:
+        raise ValueError(f"no RLP ({error})") from None
+
+
 def list_root(items: Iterable[bytes]) -> bytes:
     """Root of a list: the keys are the places, in RLP (a block's transactions and receipts)."""
     return root({encode(i.to_bytes((i.bit_length() + 7) // 8, "big")): item for i, item in enumerate(items)})
@@ -58,7 +72,7 @@ def proven(root_hash: bytes, key: bytes, proof: Sequence[bytes]) -> bytes | None
                 return None
             if node not in by_hash:
                 raise ValueError(f"no node with hash 0x{node.hex()}")
-            node = rlp.decode(by_hash[node], strict=True)
+            node = decode(by_hash[node])
         elif len(node) == 17:
             if not path:
                 return bytes(node[16]) or None
