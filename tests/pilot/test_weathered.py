@@ -100,19 +100,26 @@ def test_the_first_endpoint_is_gone_for_good_and_not_a_row_differs(run_folder, t
     audited(up.folder)
 
 
-def test_uavs_that_were_away_are_told_and_fly_again(tmp_path):
-    """Half the UAVs' host is stopped, as if cut off, until the world has told of it, and goes on."""
+@pytest.mark.parametrize("how", ["stopped", "killed"])
+def test_uavs_that_were_away_are_told_and_fly_again(tmp_path, how):
+    """Half the UAVs' host is away from mid-flight until the world has told of it, and is back; all of it is audited."""
     options = ["--free-running", "--slot", 1.5, "--speed", 2, "--elsewhere", "uav", "--uav-hosts", 2]
     up = Up(tmp_path / "up", "selection.rounds=2", "coordination.steps=24", options=options)
     try:
         for name in ("uavs-1", "uavs-2"):
             up.start(name)
-        up.wait_for_block(12)
-        up.elsewhere["uavs-2"].send_signal(signal.SIGSTOP)
+        up.wait_for_block(16)  # of the first period's selection
+        gone = up.elsewhere["uavs-2"]
+        gone.send_signal(signal.SIGSTOP if how == "stopped" else signal.SIGKILL)
         up.wait_for(lambda: any("uavs-2 is silent since" in line for line in list(up.lines)))
-        up.elsewhere["uavs-2"].send_signal(signal.SIGCONT)
+        if how == "stopped":
+            gone.send_signal(signal.SIGCONT)
+        else:
+            gone.wait()
+            up.start("uavs-2")
         up.wait_for(lambda: any("uavs-2 is back at" in line for line in list(up.lines)))
         up.end()
     finally:
         up.stop()
     once(decided(up.folder))
+    audited(up.folder)

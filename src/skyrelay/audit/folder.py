@@ -6,13 +6,12 @@ import hashlib
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from skyrelay.airspace.law import Law
-from skyrelay.audit.history import History, history
 from skyrelay.audit.measures import check_metrics, check_summary
 from skyrelay.audit.tables import Compared, check_accounts, check_flight, check_periods, one_demand_each
 from skyrelay.chain.abi import Event
@@ -25,6 +24,7 @@ from skyrelay.chain.proof.replay import Difference
 from skyrelay.chain.proof.root import TrustRoot
 from skyrelay.core.errors import RunFolderError, SkyRelayError, StoreError
 from skyrelay.core.resolved import resolve
+from skyrelay.protocol.history import History
 from skyrelay.report.page import render
 from skyrelay.runfolder.figures import over_the_run
 from skyrelay.runfolder.folder import STORE, SUMMARY
@@ -69,9 +69,10 @@ def audit_folder(folder: Path, progress: Progress = in_silence, *, head: str | N
         return report
     check_accounts(compared, told, rows["accounts"], _derivation(run))
     _check_scenario(compared, run, told)
-    check_periods(compared, told, rows, run.scenario.selection)
     summary = run.summary
-    check_flight(compared, told, run.vehicles, run.uavs, summary.period_steps, run.grid)
+    in_order = summary.chain_url is None
+    check_periods(compared, told, rows, run.scenario.selection, in_order)
+    check_flight(compared, told, run.vehicles, run.uavs, summary.period_steps, run.grid, in_order)
     progress("working the figures out from the tables")
     law = Law.of(resolve(run.scenario, run.grid), run.grid)
     demands = one_demand_each(compared, rows["members"])
@@ -85,9 +86,14 @@ def audit_folder(folder: Path, progress: Progress = in_silence, *, head: str | N
     tables = {"proposals": run.proposals, "metrics": run.metrics, "vehicles": run.vehicles}
     check_summary(compared, summary, told, tables, mined)
     progress("hashing the stored policies and drawing the page again")
-    _check_store(compared, run, told)
+    _check_store(compared, run, told.cids.values())
     _check_page(compared, run)
     report.unchecked += UNCHECKED
+    if not in_order:
+        report.unchecked.append(
+            "where members on hosts of their own were at selections at which they told the chain nothing, and what a "
+            "vehicle weighed whose host did not say (QoU 0)"
+        )
     if (method := run.scenario.selection.method) != "two-sided":
         report.unchecked.append(
             f"whom each vehicle asks: the method {method} was worked out outside of the contract, which checks "
@@ -133,8 +139,7 @@ def audit_node_folder(
         if getattr(run.summary, key) != value:
             compared.differs(SUMMARY, key, getattr(run.summary, key), value)
     cids = {event.args["modelId"]: event.args["cid"] for event in report.events if event.name == "ModelRegistered"}
-    told = History([], cids={model: bytes.fromhex(cid[2:]) for model, cid in cids.items()})
-    _check_store(compared, run, told)
+    _check_store(compared, run, [bytes.fromhex(cid[2:]) for cid in cids.values()])
     _check_page(compared, run)
     report.unchecked += (
         "every table but events.parquet, and the summary's counts: a network orders as it likes",
@@ -159,7 +164,11 @@ def _history(compared: Compared, run: Run, report: AuditReport) -> History | Non
         if mined is not None and mined != due and not (step == 0 and mined < due):
             compared.differs("events.parquet", f"block {event.block}: step", step, f"that of {mined} s")
     names = dict(zip(run.accounts["address"], run.accounts["name"], strict=True))
-    return history(report.events, steps, names, run.summary.periods, run.summary.period_steps)
+    told = History(names, run.summary.periods, run.summary.period_steps)
+    for event, step in zip(report.events, steps, strict=True):
+        told.hear(event, step)
+    told.open(run.summary.periods - 1)
+    return told
 
 
 def _check_manifest(compared: Compared, folder: Path, report: AuditReport) -> None:
@@ -221,7 +230,7 @@ def _check_scenario(compared: Compared, run: Run, told: History) -> None:
         compared.same(SUMMARY, key, found, value)
 
 
-def _check_store(compared: Compared, run: Run, told: History) -> None:
+def _check_store(compared: Compared, run: Run, cids: Iterable[bytes]) -> None:
     """Every block in the folder's store is what its name says, and every policy of the chain is there whole."""
     if run.scenario.store.url is not None:
         return
@@ -235,7 +244,7 @@ def _check_store(compared: Compared, run: Run, told: History) -> None:
             sound = False
         if not sound:
             compared.differs(STORE, path.name, "other bytes", "those that its name is the hash of")
-    for registered in told.cids.values():
+    for registered in cids:
         try:
             store.verify(Cid.from_bytes(registered, "chain"))
         except StoreError as error:

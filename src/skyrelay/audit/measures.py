@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from skyrelay.airspace import flight as rules
 from skyrelay.airspace.law import Law
-from skyrelay.audit.history import History
 from skyrelay.audit.tables import Compared, Table
 from skyrelay.chain.client import QOV_UNIT
+from skyrelay.protocol.history import History
 from skyrelay.runfolder.figures import over_the_run
 from skyrelay.runfolder.schema import Summary
 
@@ -86,13 +86,14 @@ def check_metrics(
     whole = metrics["step"][metrics["zone"] == 0].tolist()
     if whole != list(range(steps + 1)):
         compared.differs(file, "zone 0", "other steps", f"a row for each of the steps 0 to {steps}, in order")
-    taken = [
-        Counter(told.station(uav, number * period_steps) for uav in set(period.served.values()))
-        for number, period in enumerate(told.periods)
-    ]
+    taken = []
+    for step in range(steps + 1):
+        number = max(step - 1, 0) // period_steps
+        teams_then = set(told.periods[number].served_at(step).values())
+        taken.append(Counter(told.station(uav, number * period_steps) for uav in teams_then))
     order = np.argsort(vehicles["step"], kind="stable")
     bounds = np.searchsorted(vehicles["step"][order], np.arange(steps + 2))
-    linked = _teams_linked(compared, metrics, taken, period_steps)
+    linked = _teams_linked(compared, metrics, taken)
     for row, (step, zone) in enumerate(zip(metrics["step"].tolist(), metrics["zone"].tolist(), strict=True)):
         here = order[bounds[step] : bounds[step + 1]]
         inside = here[vehicles["zone"][here] == zone] if zone else here
@@ -124,7 +125,7 @@ def check_metrics(
 
 
 def _teams_linked(
-    compared: Compared, metrics: Table, taken: Sequence[Counter[int]], period_steps: int
+    compared: Compared, metrics: Table, taken: Sequence[Counter[int]]
 ) -> dict[int, list[tuple[float, float]]]:
     """By step, both measures of each team of two or more UAVs, as its zone's row has them."""
     linked: dict[int, list[tuple[float, float]]] = {}
@@ -132,10 +133,10 @@ def _teams_linked(
     both = zip(metrics["connectivity"].tolist(), metrics["connectivity_neighbor"].tolist(), strict=True)
     for step, zone, pair in zip(metrics["step"].tolist(), metrics["zone"].tolist(), both, strict=True):
         shown.setdefault(step, []).append(zone)
-        if zone and taken[max(step - 1, 0) // period_steps][zone] > 1:
+        if zone and taken[min(step, len(taken) - 1)][zone] > 1:
             linked.setdefault(step, []).append(pair)
     for step, zones in shown.items():
-        wanted = sorted({0, *taken[max(step - 1, 0) // period_steps]})
+        wanted = sorted({0, *taken[min(step, len(taken) - 1)]})
         if sorted(zones) != wanted:
             compared.differs("metrics.parquet", f"step {step}", f"zones {sorted(zones)}", wanted)
     return linked

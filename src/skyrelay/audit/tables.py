@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from skyrelay.audit.history import History, Period
 from skyrelay.chain.proof.audit import AuditReport
 from skyrelay.chain.proof.replay import Difference
 from skyrelay.core.entities import UavTable, VehicleTable
 from skyrelay.core.scenario import Selection as Settings
 from skyrelay.core.zones import ZoneGrid
+from skyrelay.protocol.history import History, Period
 from skyrelay.selection.quality import qou
 
 Table = Mapping[str, npt.NDArray[Any]]
@@ -96,25 +97,39 @@ def check_accounts(
 
 
 def check_periods(
-    compared: Compared, told: History, rows: Mapping[str, list[dict[str, Any]]], settings: Settings
+    compared: Compared, told: History, rows: Mapping[str, list[dict[str, Any]]], settings: Settings, in_order: bool
 ) -> None:
-    """The tables fleet, members, proposals and candidates."""
+    """The tables fleet, members, proposals and candidates.
+
+    Args:
+        in_order: all agents were in one process: nobody was late, and nobody unheard. Else a vehicle may have weighed
+            any record that a UAV had while the selection went on, and its host may not have told what it weighed.
+    """
     fleet, members, proposals, candidates = [], [], [], []
     for number, period in enumerate(told.periods):
         fleet += [{"period": number, "uav": name} | row for name, row in period.fleet.items()]
         for name, row in period.members.items():
             demand = {"demand_kbps": told.demands[name]} if name in told.demands else {}
             members.append({"period": number, "vehicle": name} | row | demand)
-        quality = _qualities(period, settings)
-        candidates += [
-            {"period": number, "vehicle": vehicle, "uav": uav, "qou": value}
-            for (vehicle, uav), value in quality.items()
-        ]
-        proposals += [row | {"qou": quality.get((row["vehicle"], row["uav"]), -1.0)} for row in period.proposals]
+        quality = _qualities(period, settings, in_order)
+        found = _by_pair(rows["candidates"], number)
+        told_by = {vehicle for vehicle, _ in found}
+        for (vehicle, uav), values in quality.items():
+            if not in_order and ((vehicle, uav) not in found) and (None in values or vehicle not in told_by):
+                continue
+            value = _nearest(found.get((vehicle, uav), -1.0), values)
+            candidates.append({"period": number, "vehicle": vehicle, "uav": uav, "qou": value})
+        qous = {row["order"]: row["qou"] for row in rows["proposals"] if row["period"] == number}
+        for row in period.proposals:
+            values = quality.get((row["vehicle"], row["uav"]), {-1.0}) | (set() if in_order else {0.0})
+            proposals.append(row | {"qou": _nearest(qous.get(row["order"], -1.0), values)})
     compared.rows("fleet", rows["fleet"], fleet, ("period", "uav"))
     compared.rows("members", rows["members"], members, ("period", "vehicle"))
     compared.rows("proposals", rows["proposals"], proposals, ("order",))
-    compared.rows("candidates", rows["candidates"], candidates, ("period", "vehicle", "uav"))
+    weighed = rows["candidates"]
+    if not in_order:  # who has told the chain nothing in the period has weighed by a record that nobody can tell
+        weighed = [row for row in weighed if row["vehicle"] in told.periods[row["period"]].members]
+    compared.rows("candidates", weighed, candidates, ("period", "vehicle", "uav"))
 
 
 def one_demand_each(compared: Compared, members: Sequence[Mapping[str, Any]]) -> dict[str, int]:
@@ -127,52 +142,78 @@ def one_demand_each(compared: Compared, members: Sequence[Mapping[str, Any]]) ->
     return demands
 
 
-def _qualities(period: Period, settings: Settings) -> dict[tuple[str, str], float]:
-    """QoU (Eq. 1) of every candidate of every vehicle, from the chain's records, zone by zone."""
-    result: dict[tuple[str, str], float] = {}
-    for zone in sorted({row["zone"] for row in period.fleet.values()}):
-        uavs = {name: row for name, row in period.fleet.items() if row["zone"] == zone}
+def _by_pair(candidates: Iterable[Mapping[str, Any]], period: int) -> dict[tuple[str, str], float]:
+    """QoU of a period's candidates, by vehicle and UAV."""
+    return {(row["vehicle"], row["uav"]): row["qou"] for row in candidates if row["period"] == period}
+
+
+def _nearest(found: float, values: set[float | None]) -> float:
+    """Of the values that may stand in a row, the one that does, as nearly as can be."""
+    return min((value for value in values if value is not None), key=lambda value: abs(value - found))
+
+
+def _qualities(period: Period, settings: Settings, in_order: bool) -> dict[tuple[str, str], set[float | None]]:
+    """What QoU (Eq. 1) of each vehicle's candidates may be, from the chain's records, zone by zone.
+
+    One value each where all was in order; else one for each record that the UAV had, None where it was no candidate.
+    """
+    result: dict[tuple[str, str], set[float | None]] = {}
+    records: dict[tuple[str, int], dict[str, Any] | None] = {(name, 0): row for name, row in period.fleet.items()}
+    if not in_order:
+        records |= {(name, number): row for name, rows in period.versions.items() for number, row in enumerate(rows, 1)}
+    for zone in sorted({row["zone"] for row in records.values() if row is not None}):
+        uavs = {name: row for name, row in records.items() if row is not None and row["zone"] == zone}
         vehicles = {name: row for name, row in period.members.items() if row["zone"] == zone}
         if not vehicles:
             continue
 
-        def column(rows: Mapping[str, Mapping[str, Any]], name: str) -> npt.NDArray[np.float64]:
-            return np.array([row[name] for row in rows.values()], dtype=np.float64)
+        def column(rows: Iterable[Mapping[str, Any]], name: str) -> npt.NDArray[np.float64]:
+            return np.array([row[name] for row in rows], dtype=np.float64)
 
         here = VehicleTable(
             ids=tuple(vehicles),
-            x=column(vehicles, "x"),
-            y=column(vehicles, "y"),
+            x=column(vehicles.values(), "x"),
+            y=column(vehicles.values(), "y"),
             zone=np.full(len(vehicles), zone, dtype=np.int64),
             demand=np.ones(len(vehicles)),  # Eq. 1 does not ask for it
-            payment=column(vehicles, "payment"),
-            reputation=column(vehicles, "reputation"),
+            payment=column(vehicles.values(), "payment"),
+            reputation=column(vehicles.values(), "reputation"),
         )
         team = UavTable(
-            ids=tuple(uavs),
-            x=column(uavs, "x"),
-            y=column(uavs, "y"),
+            ids=tuple(f"{name} {number}" for name, number in uavs),
+            x=column(uavs.values(), "x"),
+            y=column(uavs.values(), "y"),
             zone=np.full(len(uavs), zone, dtype=np.int64),
-            bandwidth=column(uavs, "bandwidth_kbps"),
-            battery=column(uavs, "battery"),
-            reputation=column(uavs, "reputation"),
+            bandwidth=column(uavs.values(), "bandwidth_kbps"),
+            battery=column(uavs.values(), "battery"),
+            reputation=column(uavs.values(), "reputation"),
         )
         score = qou(here, team, settings)
+        names = [name for name, _ in uavs]
         for row, place in np.argwhere(np.isfinite(score)).tolist():
-            result[here.ids[row], team.ids[place]] = float(score[row, place])
+            result.setdefault((here.ids[row], names[place]), set()).add(float(score[row, place]))
+    if not in_order:
+        sizes = Counter(name for name, _ in records)
+        for (_, uav), values in result.items():
+            if len(values) < sizes[uav]:  # it was none by some record, or two gave the same
+                values.add(None)
     return result
 
 
 def check_flight(
-    compared: Compared, told: History, vehicles: Table, uavs: Table, period_steps: int, grid: ZoneGrid
+    compared: Compared, told: History, vehicles: Table, uavs: Table, period_steps: int, grid: ZoneGrid, in_order: bool
 ) -> None:
-    """Who serves whom at each step, who has landed, and where everyone was when a selection opened."""
-    served = [period.served for period in told.periods]
+    """Who serves whom at each step, who has landed, and where everyone was when a selection opened.
+
+    Args:
+        in_order: as in `check_periods`; else a vehicle may be there and not have told the chain, and a UAV that lands
+            between two periods may do so after the row of that step was written.
+    """
     compared.count("rows of vehicles.parquet", len(vehicles["step"]))
     period_of = np.maximum(vehicles["step"] - 1, 0) // period_steps
     rows = zip(vehicles["step"].tolist(), vehicles["vehicle"], vehicles["uav"], period_of.tolist(), strict=True)
     for step, vehicle, uav, period in rows:
-        if uav != (expected := served[period].get(vehicle, "")):
+        if uav != (expected := told.periods[period].served_at(step).get(vehicle, "")):
             compared.differs(
                 "vehicles.parquet", f"step {step}, vehicle {vehicle}: uav", uav or "nobody", expected or "nobody"
             )
@@ -185,8 +226,11 @@ def check_flight(
         compared.differs("vehicles.parquet", place, vehicles["zone"][row], nearby[0][row])
 
     compared.count("rows of uavs.parquet", len(uavs["step"]))
-    taken = [set(period.served.values()) for period in told.periods]
     period_of = np.maximum(uavs["step"] - 1, 0) // period_steps
+    taken = {
+        (step, period): set(told.periods[period].served_at(step).values())
+        for step, period in set(zip(uavs["step"].tolist(), period_of.tolist(), strict=True))
+    }
     for step, uav, zone, selected, period in zip(
         uavs["step"].tolist(),
         uavs["uav"],
@@ -196,19 +240,22 @@ def check_flight(
         strict=True,
     ):
         expected_zone = told.zone_at(uav, step)
-        if zone != expected_zone:
+        late = not in_order and step % period_steps == 0 and zone == told.zone_at(uav, step - 1)
+        if zone != expected_zone and not late:
             compared.differs("uavs.parquet", f"step {step}, UAV {uav}: zone", zone, expected_zone)
-        if selected != (expected_zone > 0 and uav in taken[period]):
+        if selected != (zone > 0 and uav in taken[step, period]):
             compared.differs("uavs.parquet", f"step {step}, UAV {uav}: selected", selected, not selected)
     for table, kind, column, records in (
         (vehicles, "vehicle", "vehicles.parquet", [period.members for period in told.periods]),
         (uavs, "uav", "uavs.parquet", [period.fleet for period in told.periods]),
     ):
-        for number, known in enumerate(records):
+        for number, every in enumerate(records):
+            known = {name: row for name, row in every.items() if name in told.periods[number].told}
             at = table["step"] == number * period_steps
             found = dict(zip(table[kind][at], zip(table["x"][at], table["y"][at], strict=True), strict=True))
-            if kind == "vehicle" and set(found) != set(known):
-                odd = min(set(found) ^ set(known))
+            odd_ones = set(found) ^ set(every) if in_order else set(known) - set(found)
+            if kind == "vehicle" and odd_ones:
+                odd = min(odd_ones)
                 compared.differs(
                     column, f"step {number * period_steps}", f"vehicle {odd}", "those of the chain's records"
                 )

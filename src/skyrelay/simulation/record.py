@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +14,14 @@ from skyrelay.chain.abi import Event
 from skyrelay.core.entities import FloatArray
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.mobility import Tracks
-from skyrelay.protocol.zone_view import ZoneView
 from skyrelay.runfolder.figures import over_the_run
 from skyrelay.runfolder.writer import TableWriter
 from skyrelay.simulation.flight import NOBODY, Measure
 from skyrelay.simulation.team import Team
 from skyrelay.simulation.world import Members
+
+Named = tuple[str, Mapping[str, Any]]
+"""A member's name, and its record."""
 
 
 class Record:
@@ -36,38 +38,18 @@ class Record:
     ) -> None:
         self._tracks, self._grid, self._members, self._step_seconds = tracks, grid, members, step_seconds
         self._flying, self._hovering = flying, hovering
+        self._demand = dict(zip(tracks.ids, members.demand.tolist(), strict=True))
         self._tables = TableWriter()
 
-    def period(self, period: int, step: int, views: Iterable[ZoneView], name_of: Callable[[str], str]) -> None:
-        """The records on the chain that the period's selection works with; ``name_of`` a UAV's address."""
-        for view in views:
-            uavs = view.uavs
-            if len(uavs):
-                self._tables.add(
-                    "fleet",
-                    period=period,
-                    uav=[name_of(address) for address in uavs.ids],
-                    zone=uavs.zone,
-                    x=uavs.x,
-                    y=uavs.y,
-                    bandwidth_kbps=uavs.bandwidth.astype(np.int32),
-                    battery=uavs.battery,
-                    reputation=uavs.reputation,
-                )
-        tracks, members = self._tracks, self._members
-        rows = np.flatnonzero(np.isfinite(tracks.x[step]))
-        x, y = tracks.x[step, rows], tracks.y[step, rows]
-        self._tables.add(
-            "members",
-            period=period,
-            vehicle=[tracks.ids[row] for row in rows],
-            zone=self._grid.zone_of(x, y),
-            x=x.round(1),
-            y=y.round(1),
-            demand_kbps=members.demand[rows],
-            payment=members.payment[rows].astype(np.float64),
-            reputation=members.reputation[rows],
-        )
+    def period(self, period: int, fleet: Sequence[Named], members: Sequence[Named]) -> None:
+        """The records on the chain that the period's selection works with, each with its member's name."""
+        for table, kind, records in (("fleet", "uav", fleet), ("members", "vehicle", members)):
+            if records:
+                columns = {column: [record[column] for _, record in records] for column in records[0][1]}
+                columns[kind] = [name for name, _ in records]
+                if kind == "vehicle":
+                    columns["demand_kbps"] = [self._demand[name] for name in columns[kind]]
+                self._tables.add(table, period=period, **columns)
 
     def candidates(self, period: int, vehicle: str, weighed: Mapping[str, float]) -> None:
         """The QoU of each UAV (by name) that a vehicle weighed in a period's first round."""
@@ -75,16 +57,8 @@ class Record:
 
     def proposals(self, proposals: Sequence[Mapping[str, Any]]) -> None:
         """Every proposal of a period, and whether its UAV held on to it to the end."""
-        if not proposals:
-            return
-        same = ("period", "round", "zone", "qou", "qov", "score", "accepted", "order")
-        self._tables.add(
-            "proposals",
-            **{key: [row[key] for row in proposals] for key in same},
-            vehicle=[self._tracks.ids[row["vehicle"]] for row in proposals],
-            uav=[self._flying.fleet.ids[row["uav"]] for row in proposals],
-            demand_kbps=[int(self._members.demand[row["vehicle"]]) for row in proposals],
-        )
+        if proposals:
+            self._tables.add("proposals", **{column: [row[column] for row in proposals] for column in proposals[0]})
 
     def step(self, step: int) -> None:
         """Everyone's place at a step, and how well every zone is served."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from skyrelay.chain.abi import Event
 from skyrelay.chain.client import QOV_UNIT
-from skyrelay.core.entities import UavTable, VehicleTable
+from skyrelay.core.entities import IntArray, UavTable, VehicleTable
 from skyrelay.core.files import write_text
 from skyrelay.core.progress import Progress
 from skyrelay.core.scenario import Scenario, Selection, to_toml
@@ -21,6 +21,7 @@ from skyrelay.net.http import public_address
 from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.authority import ReputationAuthority
 from skyrelay.protocol.coordinator import ZoneCoordinator
+from skyrelay.protocol.history import History, Period
 from skyrelay.protocol.host import Host
 from skyrelay.protocol.messages import Fix, Phase, Tick
 from skyrelay.protocol.rule import Decider
@@ -33,7 +34,7 @@ from skyrelay.runfolder.writer import write_summary
 from skyrelay.selection import select
 from skyrelay.selection.methods import require_method
 from skyrelay.simulation.consortium import Consortium, chain_facts
-from skyrelay.simulation.ledger import Ledger
+from skyrelay.simulation.flight import NOBODY
 from skyrelay.simulation.record import Record
 from skyrelay.simulation.team import METHOD_SECONDS, Team
 from skyrelay.simulation.world import World
@@ -110,7 +111,8 @@ def play(
         founded = time.monotonic()
         consortium.found()
         host.chain_seconds += time.monotonic() - founded
-        run.events += [(0, event) for event in consortium.client.events()]
+        for event in consortium.client.events():
+            run.hear(event)
         run.play(progress)
         progress.stage("Record", 1)
         facts = chain_facts(consortium.chain, consortium.client.address)
@@ -171,12 +173,22 @@ class Run:
         self.vehicles = {name: account(name) for name in self.tracks.ids}
         self.uavs = {name: account(name) for name in world.fleet.ids}
         self.uav_row = {address: row for row, address in enumerate(self.uavs.values())}
-        self.ledger = Ledger({address: row for row, address in enumerate(self.vehicles.values())}, self.uav_row)
+        self._vehicle_row = {name: row for row, name in enumerate(self.vehicles)}
+        flight = world.scenario.coordination
+        names = {address: name for name, address in (self.vehicles | self.uavs).items()}
+        self.history = History(names, -(-flight.steps // flight.period_steps), flight.period_steps)
         self.events: list[tuple[int, Event]] = []
         self.step = 0
+        self.shown = 0  # the step whose row is the next to show what the chain says
         self.periods = 0
+        self._zones: dict[int, int] = {}  # that UAVs have changed to since they were last stationed, by row; 0: left
+        self._fleet_order: list[str] = []  # names, as the zones' lists on the chain have them
+        self._qou: dict[int, float] = {}  # of a period's proposals, by their order, as the vehicles told
+        self._weighed: dict[str, Mapping[str, float]] = {}  # in a period: by vehicle, QoU by the UAVs' addresses
         self.qou: list[float] = []
         self.qov: list[float] = []
+        self.served: set[str] = set()
+        self.there: list[set[str]] = []  # by period, the vehicles that told the chain where they are
 
     # The clock
 
@@ -192,39 +204,34 @@ class Run:
             for step in range(start, min(start + config.period_steps, config.steps)):
                 self.fly(period, step)
                 progress.advance()
+            self._note_period(period)
 
     def select(self, period: int, step: int) -> None:
         """One selection period: records brought up to date, proposals, allocation, a policy for each zone."""
         self.periods = period + 1
-        self.ledger.open_period()
         self._tick(Phase.CLOSE, period)
         self._land(period)
         self._tick(Phase.REPORT, period)
         if self.scenario.coordination.dispatch:
             self._tick(Phase.DISPATCH, period)
-            self.flying.flight.station(self.ledger.take_zones())
+            self._station()
         self._tick(Phase.RATE, period)
         views = [view for zone in self.world.law.grid.ids if (view := self.hosts.view(zone)) is not None]
-        self.written.period(period, step, views, self._name_of)
-        addresses = list(self.vehicles.values())
+        self._fleet_order = [self._name_of(address) for view in views for address in view.uavs.ids]
         if self.scenario.selection.method != "two-sided":
             self.hosts.advise(self._advice(views, period, step))
+        proposals = self.history.periods[period].proposals
         for round_ in range(1, self.scenario.selection.rounds + 1):
-            before = len(self.ledger.proposals)
+            before = len(proposals)
             self._tick(Phase.PROPOSE, period, round_)
-            if round_ == 1:
-                self._note_candidates(period)
-            submitted = self.ledger.proposals[before:]
-            if not submitted:
+            self._note_choices(period)
+            if len(proposals) == before:
                 break
-            choices = self.hosts.choices()
-            for row in submitted:
-                choice = choices.get(addresses[row["vehicle"]])
-                row |= {"period": period, "round": round_, "qou": 0.0 if choice is None else choice.qou}
             self._tick(Phase.ALLOCATE, period, round_)
-        self._note_proposals()
+            self._note_choices(period)
         self._tick(Phase.DETERMINE, period)
-        self.flying.assign(self.ledger.owner())
+        self._note_choices(period)
+        self.flying.assign(self._owner(period))
         self.hovering.assign(
             self.hovering.selection(self.tracks, self.world.members, step, self.scenario.seed + period)
         )
@@ -242,17 +249,25 @@ class Run:
         self.step = step + 1
         self._tell_positions()
         self._land(period)
+        self.flying.correct(self._owner(period))
         self.written.step(self.step)
 
     def _tick(self, phase: Phase, period: int = 0, round_: int = 1) -> None:
         now = self.step * self.scenario.coordination.step_seconds
+        # A step's row is written before its beacons: what is heard with them shows in the next one.
+        self.shown = self.step + (phase in {Phase.BEACON, Phase.DECIDE})
         self.hosts.tick(Tick(phase, period, round_, self.step, now), timestamp=1 + math.floor(now))
 
     def _land(self, period: int) -> None:
         """UAVs with an empty battery leave: the flying fleet's by the chain, the comparator's in the air only."""
         self._tick(Phase.LAND, period)
-        self.flying.flight.station(self.ledger.take_zones())
+        self._station()
         self.hovering.flight.retire(self.hovering.flight.spent())
+
+    def _station(self) -> None:
+        """UAVs fly in the zones that the chain has them in by now."""
+        self.flying.flight.station(self._zones)
+        self._zones.clear()
 
     # The world
 
@@ -304,27 +319,53 @@ class Run:
 
     def hear(self, event: Event) -> None:
         """Note an event of the contract."""
-        self.events.append((self.step, event))
-        self.ledger.hear(event)
+        self.events.append((self.shown, event))
+        self.history.hear(event, self.shown)
+        if event.name == "UAVZoneUpdated":
+            self._zones[self.uav_row[event.args["uav"]]] = event.args["to"]
 
-    def _note_candidates(self, period: int) -> None:
-        """Whom each vehicle weighed in the period's first round."""
+    def _owner(self, period: int) -> IntArray:
+        """[V] the row of the UAV that serves each vehicle by now, or -1."""
+        served = self.history.periods[period].served
+        owner = np.full(len(self.vehicles), NOBODY)
+        for vehicle, uav in served.items():
+            owner[self._vehicle_row[vehicle]] = self.uav_row[self.uavs[uav]]
+        return owner
+
+    def _note_choices(self, period: int) -> None:
+        """Whom each vehicle weighed, in every round the same, and the QoU of whom it has asked."""
         choices = self.hosts.choices()
         for name, address in self.vehicles.items():
             if address in choices and choices[address].weighed:
-                weighed = {self._name_of(uav): value for uav, value in choices[address].weighed.items()}
-                self.written.candidates(period, name, weighed)
+                self._weighed[name] = choices[address].weighed
+        for row in self.history.periods[period].proposals:
+            choice = choices.get(self.vehicles[row["vehicle"]])
+            if row["order"] not in self._qou and choice is not None:
+                uav = self.uavs[row["uav"]]
+                self._qou[row["order"]] = choice.qou if choice.uav == uav else choice.weighed.get(uav, 0.0)
 
-    def _note_proposals(self) -> None:
-        """Of the period's proposals, whether each UAV held on to them to the end; QoU and QoV of those it did."""
-        owner, proposals = self.ledger.owner(), self.ledger.proposals
-        last = {row["vehicle"]: row["order"] for row in proposals}
-        for row in proposals:
-            row["accepted"] = bool(owner[row["vehicle"]] == row["uav"]) and last[row["vehicle"]] == row["order"]
+    def _note_period(self, period: int) -> None:
+        """The records that the period's selection worked with, its proposals, and QoU and QoV of those accepted."""
+        self.history.open(period)
+        told = self.history.periods[period]
+        place = {name: number for number, name in enumerate(self._fleet_order)}
+        fleet = sorted(told.fleet.items(), key=lambda one: place.get(one[0], len(place)))
+        members = sorted(told.members.items(), key=lambda one: self._vehicle_row[one[0]])
+        self.written.period(period, fleet, members)
+        for name in filter(self._weighed.__contains__, self.vehicles):
+            weighed = {self._name_of(uav): value for uav, value in self._weighed[name].items()}
+            self.written.candidates(period, name, weighed)
+        for row in told.proposals:
+            row["qou"] = self._qou.get(row["order"], 0.0)
             if row["accepted"]:
                 self.qou.append(row["qou"])
                 self.qov.append(row["qov"] * QOV_UNIT)
-        self.written.proposals(proposals)
+        self.written.proposals(told.proposals)
+        self.served |= told.served.keys()
+        self.there.append(set(told.members))
+        self.history.periods[period] = Period()  # it is written: a long run does not hold on to it
+        self._qou.clear()
+        self._weighed.clear()
 
     def _name_of(self, address: str) -> str:
         return self.world.fleet.ids[self.uav_row[address]]
@@ -361,17 +402,16 @@ class Run:
         """The figures of the run; see docs/reference/run-folder.md."""
         flying, hovering = self.flying, self.hovering
         config = self.scenario.coordination
-        there = np.isfinite(self.tracks.x[:: config.period_steps][: self.periods])
         return {
             "name": self.scenario.name,
             "seed": self.scenario.seed,
-            "vehicles": int(there.any(axis=0).sum()),
-            "vehicles_per_period": round(float(there.sum(axis=1).mean()), 2),
+            "vehicles": len(set().union(*self.there)),
+            "vehicles_per_period": round(float(np.mean([len(there) for there in self.there])), 2),
             "uavs": len(self.uavs),
             "zones": len(self.world.law.grid.ids),
             "periods": self.periods,
             "steps": config.steps,
-            "served": len(flying.ever_served),
+            "served": len(self.served),
             "served_per_period": round(float(np.mean(flying.served)), 2),
             "static_served_per_period": round(float(np.mean(hovering.served)), 2),
             "mean_qou": _mean(self.qou),
@@ -382,7 +422,7 @@ class Run:
             "gas_used": self.hosts.gas_used,
             "chain_url": without_credentials(self.scenario).chain.url,
             "selected_by": _selected_by(self.scenario.selection),
-            "model_cids": sorted({str(self.hosts.cid_of(model)) for model in self.ledger.models}),
+            "model_cids": sorted({str(self.hosts.cid_of(model)) for model in self.history.models}),
             "range_m": self.scenario.fleet.range,
             "step_seconds": config.step_seconds,
             "period_steps": config.period_steps,

@@ -54,15 +54,24 @@ class Team:
         self._grid, self._settings = law.grid, settings
         self.flight = Flight(law, fleet, demand)
         self.served: list[int] = []
-        self.ever_served: set[int] = set()
+        self._zones: IntArray = fleet.zone
         self._zone_of_owner = np.zeros(len(demand), dtype=np.int64)
 
     def assign(self, owner: IntArray) -> None:
         """Begin a period."""
+        self._zones = self.fleet.zone.copy()
+        self.served.append(0)
+        self._serve(owner)
+
+    def correct(self, owner: IntArray) -> None:
+        """Who serves whom by now: who allocates late changes it in mid-period."""
+        if not np.array_equal(owner, self.flight.owner):
+            self._serve(owner)
+
+    def _serve(self, owner: IntArray) -> None:
         self.flight.assign(owner)
-        self._zone_of_owner = np.where(owner != NOBODY, self.fleet.zone[owner], 0)
-        self.served.append(int((owner != NOBODY).sum()))
-        self.ever_served |= set(np.flatnonzero(owner != NOBODY).tolist())
+        self._zone_of_owner = np.where(owner != NOBODY, self._zones[owner], 0)
+        self.served[-1] = int((owner != NOBODY).sum())
 
     def selection(self, tracks: Tracks, members: Members, step: int, seed: int) -> IntArray:
         """[V] the row of each vehicle's UAV by the run's method, at this fleet's own positions, without a chain."""
