@@ -34,13 +34,13 @@ def event(name, block=1, **arguments):
 
 def uav(picture, address, x, y=500.0, battery=50.0, *, step=None, zone=1):
     step = picture.step + 1 if step is None else step
-    picture.take(Beacon(address, zone, None, (x, y), 2.0 * step, battery=battery))
+    picture.take(Beacon(address, zone, None, (x, y), 2.0 * step, battery=battery), 2.0 * step)
 
 
 def vehicle(picture, address, to, x, y=500.0, *, step=None):
     step = picture.step if step is None else step
     position = None if x is None else (x, y)
-    picture.take(Beacon(address, 1, to, position, 2.0 * step))
+    picture.take(Beacon(address, 1, to, position, 2.0 * step), 2.0 * step)
 
 
 @pytest.fixture
@@ -80,9 +80,10 @@ def test_a_step_is_told_as_it_was_heard(picture):
     assert [told.name for told in first.events][-1] == "UAVAllocated"
     assert first.events[-1].arguments == ["uav", "u2", "zone", "1", "selected", "v2"]
     uav(picture, A, 390.0, battery=44.0)
+    assert not picture.behind  # one alone may be ahead
+    uav(picture, B, 950.0)
     assert picture.behind
     picture.advance()
-    uav(picture, B, 950.0, step=0)
     vehicle(picture, V, A, 101.5)
     record = picture.record()
     assert record.step == 0
@@ -117,8 +118,47 @@ def test_a_clock_that_is_ahead_moves_nobody_on_while_others_are_heard(picture):
     uav(picture, B, 100.0, step=1)
     picture.advance()
     assert picture.step == 1
-    uav(picture, A, 100.0, step=4)  # 6 s, and nobody else
+    for step in range(2, 6):
+        uav(picture, A, 100.0, step=step)
+        assert not picture.behind
+    uav(picture, A, 100.0, step=6)  # 8 s, and nobody else
     assert picture.behind
+
+
+FUTURE = [40, 10**8]
+
+
+@pytest.mark.parametrize("step", FUTURE)
+def test_a_false_clock_blinds_nobody(picture, step):
+    """A member's beacons from the run's end, or from beyond it, before all others': it goes on as without."""
+    records = []
+    for _ in range(25):
+        uav(picture, C, 700.0, step=step)
+        vehicle(picture, V, A, 101.0, step=step)
+        for address in (A, B):
+            uav(picture, address, 100.0 + picture.step)
+        picture.advance()
+        records.append(picture.record())
+    assert [record.step for record in records] == list(range(25))
+    assert all({told.id for told in record.uavs if told.age == 0.0} == {"u1", "u2"} for record in records)
+    assert alerts(records) == []
+    uav(picture, C, 300.0, step=24)  # its clock is set right
+    assert {told.id: told.age for told in picture.record().uavs}["u3"] == 0.0
+
+
+def test_one_that_is_ahead_while_all_wait_for_the_chain_moves_nobody_far_and_not_for_good(picture):
+    fly(picture, 10)
+    for second in range(0, 30, 2):  # between two periods only the false clock is heard, and the chain is in the second
+        picture.hear(event("ZoneListsReset", zone=1, period=2, round=1))
+        picture.take(Beacon(C, 1, None, (0.0, 0.0), 79.0), 20.0 + second)
+    assert picture.behind
+    picture.advance()
+    assert picture.step == 20  # the second period's end
+    for step in (10, 11):
+        for address in (A, B):
+            uav(picture, address, 600.0 + step, step=step)
+    assert picture.clock == 22.0
+    assert [told.x for told in picture.record().uavs[:2]] == [611.0, 611.0]
 
 
 def test_events_belong_to_the_step_after_the_newest(picture):

@@ -137,9 +137,22 @@ def test_a_beacon_that_comes_late_does_not_hide_a_later_one(town):
     town.select()
     town.fly(0)
     u1, mate = town["u1"], town["u2"].address
+    u1.receive(Tick(Phase.BEACON, step=2, time=4.0))
     u1.receive(Beacon(mate, 1, None, (800.0, 800.0), 4.0))
     u1.receive(Beacon(mate, 1, None, (100.0, 100.0), 2.0))
     (wish,) = u1.receive(Tick(Phase.DECIDE, step=2, time=4.0))
+    assert (800.0, 800.0) in wish.sight.team
+    assert (100.0, 100.0) not in wish.sight.team
+
+
+def test_a_beacon_from_the_future_does_not_hide_those_that_are_true(town):
+    town.select()
+    town.fly(0)
+    u1, mate = town["u1"], town["u2"].address
+    u1.receive(Tick(Phase.BEACON, step=1, time=2.0))
+    u1.receive(Beacon(mate, 1, None, (100.0, 100.0), 1e9))
+    u1.receive(Beacon(mate, 1, None, (800.0, 800.0), 2.0))
+    (wish,) = u1.receive(Tick(Phase.DECIDE, step=1, time=2.0))
     assert (800.0, 800.0) in wish.sight.team
     assert (100.0, 100.0) not in wish.sight.team
 

@@ -13,12 +13,15 @@ from skyrelay.airspace.flight import in_range, in_sight
 from skyrelay.airspace.law import Law
 from skyrelay.chain.abi import Event
 from skyrelay.core.scenario import Coordination
+from skyrelay.pilot.fleet_clock import FleetClock
 from skyrelay.protocol.messages import Beacon
 from skyrelay.runfolder import feed
 from skyrelay.runfolder.feed import LOW_BATTERY, Alert, Record
 
 MOST_WAITING = 100_000
-"""Beacons of a step that has not begun, and events and alerts that no record has held yet."""
+"""Events that no record has held yet."""
+MOST_EARLY = 4
+"""Beacons of one member that wait for their steps to begin; the newest make room."""
 KEPT_PERIODS = 2
 """A vehicle that nobody serves is shown for so long where it last told the chain that it was [periods]."""
 NO_BLOCK = 20.0
@@ -50,7 +53,7 @@ class _Said:
 class Picture:
     """Puts together what is heard.
 
-    A step begins when two UAVs are in it, or one that alone is heard: a clock that is a little ahead moves nobody on.
+    A step begins when more than half of the UAVs in the air are in it by their own clocks (`FleetClock`).
 
     Args:
         law: of the area.
@@ -69,8 +72,9 @@ class Picture:
         self._law, self._flight, self._names = law, flight, names
         self._period = flight.period_steps
         self._held: dict[str, list[str]] = {}
-        self._clocks: dict[str, float] = {}
-        self._early: deque[Beacon] = deque(maxlen=MOST_WAITING)
+        self._fleet = FleetClock()
+        self._on_chain = 0  # the period that the chain is in
+        self._early: dict[str, deque[Beacon]] = {}
         self._events: deque[tuple[int, Event]] = deque(maxlen=MOST_WAITING)
         self._alerts: deque[Alert] = deque(maxlen=feed.MAX_EVENTS)
         self._said = _Said()
@@ -80,9 +84,13 @@ class Picture:
 
     @property
     def clock(self) -> float:
-        """The second newest time that a UAV has told, the newest where all others are silent [s]; -inf before any."""
-        second, newest = sorted([-np.inf, -np.inf, *self._clocks.values()])[-2:]
-        return second if newest - second <= self._law.patience else newest
+        """The time that the fleet is in [s]; -inf before any."""
+        return self._fleet.time
+
+    @property
+    def end(self) -> float:
+        """Of the run [s]: no member can be any later."""
+        return self._flight.steps * self._law.seconds
 
     @property
     def news(self) -> bool:
@@ -92,7 +100,7 @@ class Picture:
     @property
     def behind(self) -> bool:
         """Whether UAVs are in a later step than the newest that has begun."""
-        return bool(self._clocks) and self._step_of(self.clock) > self.step
+        return self._step_of(self.clock) > self.step
 
     def name(self, address: str) -> str:
         """Of a member."""
@@ -109,8 +117,13 @@ class Picture:
         match event.name:
             case "UAVRegistered":
                 self.uavs.setdefault(event.args["uav"], _Member())
+                self._fleet.join(event.args["uav"])
+            case "UAVZoneUpdated":
+                (self._fleet.join if event.args["to"] else self._fleet.leave)(event.args["uav"])
             case "VehicleRegistered":
                 self.vehicles.setdefault(event.args["vehicle"], _Member())
+            case "ZoneListsReset":
+                self._on_chain = max(self._on_chain, event.args["period"] - 1)
             case "ZoneAllocated" if self.step >= 0:
                 # What a step more or less says is how far apart chain and beacons are heard.
                 late = (self.step + 1) % self._period
@@ -158,27 +171,39 @@ class Picture:
 
     # The bus
 
-    def take(self, beacon: Beacon) -> None:
-        """A beacon that was let in."""
-        if beacon.to is None:
-            self._clocks[beacon.sender] = max(beacon.time, self._clocks.get(beacon.sender, -np.inf))
+    def take(self, beacon: Beacon, heard: float) -> None:
+        """A beacon that was let in.
+
+        Args:
+            heard: when, by the onlooker's own clock [s].
+        """
+        if beacon.sender in self.uavs:
+            between = (self.step + 1) % self._period == 0  # all wait for the chain, and who does not is alone
+            patience = max(self._law.patience, NO_BLOCK) if between else self._law.patience
+            most = (self._on_chain + 1) * self._period * self._law.seconds
+            self._fleet.hear(beacon.sender, beacon.time, heard, patience, most)
             if not self.behind:
                 self._now = self.clock
-        if self._step_of(beacon.time) <= self.step:
-            self._apply(beacon)
-        else:
-            self._early.append(beacon)
+        self._sort(beacon)
 
     def advance(self) -> None:
         """Begin the step that the UAVs are in by now."""
         self._now = self.clock
         self.step = self._step_of(self._now)
-        waiting, self._early = self._early, deque(maxlen=MOST_WAITING)
-        for beacon in waiting:
-            self.take(beacon)
+        waiting, self._early = self._early, {}
+        for beacons in waiting.values():
+            for beacon in beacons:
+                self._sort(beacon)
+
+    def _sort(self, beacon: Beacon) -> None:
+        """What belongs to a step that has begun is told; what does not waits."""
+        if self._step_of(beacon.time) <= self.step:
+            self._apply(beacon)
+        else:
+            self._early.setdefault(beacon.sender, deque(maxlen=MOST_EARLY)).append(beacon)
 
     def _step_of(self, time: float) -> int:
-        return max(0, min(round(time / self._law.seconds), 2**31 - 1))
+        return -1 if time == -np.inf else max(0, min(round(time / self._law.seconds), 2**31 - 1))
 
     def _apply(self, beacon: Beacon) -> None:
         member = (self.uavs if beacon.to is None else self.vehicles).get(beacon.sender)

@@ -143,12 +143,13 @@ class Watch:
         return records
 
     def _take(self, content: bytes, stands: float, records: list[Record]) -> None:
-        # The members' clock, not this machine's; nobody is early, as `Picture` heeds no clock that is alone.
-        beacon = self.gate.admit(content, max(self.picture.clock, stands))
+        # Members' clocks, not this machine's: nobody is early but who is later than the run ends, nobody stale. What a
+        # member's own time is worth `Picture` finds out of all of them; who joins late can ask for no more than that.
+        beacon = self.gate.admit(content, min(stands, self.picture.end))
         if beacon is None:
             return
         self._beacon = time.monotonic()
-        self.picture.take(beacon)
+        self.picture.take(beacon, self._beacon)
         if self.picture.behind:
             if not self._told:
                 records.append(self._record())

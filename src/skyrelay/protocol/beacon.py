@@ -36,6 +36,8 @@ FARTHEST = 1e7
 """Largest coordinate [m]: no area is a quarter of the Earth's circumference away from its origin."""
 FASTEST = 1e3
 """Largest speed [m/s]."""
+SKEW = 1.0
+"""A sender's clock may be so far ahead of the receiver's [s]."""
 MOST = 2.0**31
 """Asked for [kbit/s]: more than a scenario takes."""
 
@@ -166,7 +168,7 @@ class BeaconGate:
         zones: Container[int],
         *,
         patience: float,
-        skew: float = 1.0,
+        skew: float = SKEW,
     ) -> None:
         self.admitted = 0
         self.dropped: Counter[Dropped] = Counter()

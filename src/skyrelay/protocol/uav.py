@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import ClassVar
 
@@ -12,6 +13,7 @@ from skyrelay.airspace.sight import Sight
 from skyrelay.chain.abi import Event
 from skyrelay.chain.client import Model, UavRecord
 from skyrelay.protocol.agent import Agent
+from skyrelay.protocol.beacon import SKEW
 from skyrelay.protocol.messages import (
     Beacon,
     ChangeZone,
@@ -82,7 +84,7 @@ class UavAgent(Agent):
         self._vehicles: Sequence[str] = ()
         self._team: set[str] = set()
         self._beacons: dict[str, Beacon] = {}
-        self._time = 0.0
+        self._time = math.inf  # until a tick says
         self._decisions = 0  # since it was last selected
 
     @property
@@ -247,6 +249,9 @@ class UavAgent(Agent):
     # The flight
 
     def _note_beacon(self, beacon: Beacon) -> None:
+        """The newest of each sender; one from the future would be newer than all that is true."""
+        if beacon.time > self._time + SKEW:
+            return
         last = self._beacons.get(beacon.sender)
         if last is None or beacon.time >= last.time:
             self._beacons[beacon.sender] = beacon
