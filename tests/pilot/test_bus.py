@@ -8,9 +8,11 @@ from processes import free_port, until
 from skyrelay.chain.abi import Event
 from skyrelay.chain.accounts import Keyring
 from skyrelay.core.errors import BusError
-from skyrelay.pilot.bus import LONGEST_MESSAGE, Arrival, Bus, Weather, uav_key, vehicle_key
+from skyrelay.pilot.bus import LONGEST_MESSAGE, MOST_QUESTIONS, Arrival, Bus, Weather, uav_key, vehicle_key
 from skyrelay.pilot.lockstep import Radio
-from skyrelay.protocol.messages import Beacon
+from skyrelay.pilot.receivers import Sky, sky_key
+from skyrelay.pilot.wire import WhereMessage
+from skyrelay.protocol.messages import Beacon, Fix
 
 CONTRACT, UAV, OTHER, VEHICLE = "0xc0", "0xaa", "0xbb", "0xee"
 HELLO = b"hello?"
@@ -197,3 +199,63 @@ def test_a_uav_that_is_sent_to_another_zone_hears_those_who_fly_there(bus):
         return radio.take(now, {})
 
     assert until(heard)[0].sender == other
+
+
+def test_a_question_that_nobody_foresaw_ends_no_member(bus):
+    """Whoever answers goes on, and counts; who asks for what there is not is told why."""
+    place = endpoint()
+    server = bus("server", listen=[place])
+
+    def answer(content):
+        if content == b"none":
+            raise BusError("bus", None, "something that there is")
+        return bytes([1000 // len(content)])
+
+    server.attend("skyrelay/attended", answer)
+    asker = bus("asker", [place])
+    assert until(lambda: asker.ask("skyrelay/attended", b"1234", 5.0).answer()) == bytes([250])
+    for unforeseen in (b"", b"123"):  # nothing is divided by 0, and 333 is no byte
+        with pytest.raises(BusError, match="not to be understood"):
+            asker.ask("skyrelay/attended", unforeseen, 5.0).answer()
+    with pytest.raises(BusError, match="something that there is"):
+        asker.ask("skyrelay/attended", b"none", 5.0).answer()
+    assert asker.ask("skyrelay/attended", b"1234", 5.0).answer() == bytes([250])
+    assert server.failed == 2
+
+
+def test_more_questions_than_may_wait_hold_up_no_beacon(bus):
+    place = endpoint()
+    server = bus("server", listen=[place])
+    waiting = server.answer("skyrelay/busy")  # nobody takes them
+    heard = server.subscribe("skyrelay/beacon")
+    asker = bus("asker", [place])
+    linked(asker, "skyrelay/beacon", heard)
+    asked = [asker.ask("skyrelay/busy", b"?", 60.0) for _ in range(MOST_QUESTIONS + 50)]
+    until(lambda: server.failed == 50)
+    assert waiting.full()
+    asker.publish("skyrelay/beacon", b"here")
+    assert collect(heard, 1)[0].content == b"here"
+    assert len(asked) == MOST_QUESTIONS + 50
+
+
+def test_a_world_is_asked_by_strangers_and_keeps_none_of_their_names(bus):
+    place = endpoint()
+    world = bus("world", listen=[place])
+    sky = Sky(world, CONTRACT, ["uavs"])
+    sky.tell({"0x" + "aa" * 20: Fix((1.0, 2.0))})
+    asker = bus("asker", [place])
+
+    def ask(name, members=()):
+        asked = WhereMessage(name=name, members=list(members)).encode()
+        return asker.ask(sky_key(CONTRACT), asked, 5.0).answer()
+
+    until(lambda: ask("stranger"))
+    for number in range(50):
+        assert ask(f"stranger {number}")
+    assert sky.asked == set()
+    for content in (b"", b"{}", b"\xff", b"[" * 5000, WhereMessage(name="uavs", members=[]).encode()[:-1]):
+        with pytest.raises(BusError):
+            asker.ask(sky_key(CONTRACT), content, 5.0).answer()
+    assert b"1.0" in ask("uavs", ["0x" + "aa" * 20])
+    assert sky.asked == {"uavs"}
+    assert world.failed == 0

@@ -1,19 +1,26 @@
 """Node programs beside the agents: what dies is started again, and what does not start is tried again."""
 
+import contextlib
 import os
 import signal
+import socket
 
 import pytest
 
+from skyrelay.chain.node.devnet import Devnet
 from skyrelay.core.errors import ChainError, StoreError
 from skyrelay.pilot.nodes import _Kubo, _revive, kubo_program
 
 
 class Network:
-    """Three validators that have ended at once: with the first alone there is no quorum, so that it sees no block."""
+    """Three validators that have ended at once.
 
-    def __init__(self):
-        self.dead, self.started = [0, 1, 2], []
+    Args:
+        runs: whether one that did not start as it should runs nevertheless.
+    """
+
+    def __init__(self, *, runs):
+        self.dead, self.started, self.fails, self._runs = [0, 1, 2], [], 1, runs
 
     def ended(self):
         dead, self.dead = self.dead, []
@@ -21,8 +28,11 @@ class Network:
 
     def restart(self, index):
         self.started.append(index)
-        if len(self.started) == 1:
-            raise ChainError("validator 0", None, "a new block")
+        if len(self.started) <= self.fails:
+            raise ChainError(f"validator {index}", None, "a new block, or a port that is free")
+
+    def runs(self, index):
+        return self._runs
 
     def pid(self, index):
         return index
@@ -32,12 +42,47 @@ class Network:
 
 
 def test_a_validator_that_sees_no_block_yet_does_not_keep_the_others_from_being_started_again():
-    network, dead, said = Network(), [], []
+    """With the first alone there is no quorum."""
+    network, dead, said = Network(runs=True), [], []
     with pytest.raises(ChainError):
         _revive(network, dead, said.append)
     _revive(network, dead, said.append)
     assert network.started == [0, 1, 2]
     assert not dead
+
+
+def test_a_validator_whose_port_is_still_taken_is_tried_until_it_is_free():
+    network, dead, said = Network(runs=False), [], []
+    network.fails = 7
+    for _ in range(7):
+        with pytest.raises(ChainError):
+            _revive(network, dead, said.append)
+    _revive(network, dead, said.append)
+    assert network.started == [0, 1, 2, 0, 1, 2, 0, 1, 2, 0]
+    assert not dead
+    assert sum("started again" in line for line in said) == 3
+
+
+@pytest.mark.nodes
+def test_a_validator_comes_back_to_a_port_that_another_had_meanwhile(tmp_path):
+    with Devnet.create(tmp_path / "devnet", validators=1) as network:
+        dead, said = [], []
+        os.kill(network.pid(0), signal.SIGKILL)
+        port, taker = network.validators[0].rpc_port, socket.socket()
+        taker.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        while True:
+            try:
+                taker.bind(("127.0.0.1", port))
+                break
+            except OSError:  # it has not gone yet
+                continue
+        with taker:
+            taker.listen()
+            while not dead:
+                with contextlib.suppress(ChainError):
+                    _revive(network, dead, said.append)
+        _revive(network, dead, said.append)
+        assert network.runs(0)
 
 
 @pytest.mark.nodes

@@ -14,7 +14,8 @@ import queue
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from types import TracebackType
 
@@ -27,7 +28,7 @@ LONGEST_MESSAGE = 64 * 1024
 LONGEST_QUESTION = 256 * LONGEST_MESSAGE
 """Bytes of a question or an answer."""
 MOST_QUESTIONS = 1024
-"""That wait for their answer at one key; who asks more waits."""
+"""That wait for their answer at one key; one more gets none."""
 CLAIM = 5.0
 """So long the others have to say that they hold a key [s]; without any, the answer comes at once."""
 ANY_PORT = "tcp/127.0.0.1:0"
@@ -179,7 +180,7 @@ class Question:
     def refuse(self, reason: str) -> None:
         """Say why not."""
         with self._query as query:
-            query.reply_err(reason.encode())
+            query.reply_err(reason.encode(errors="replace"))
 
 
 class Bus:
@@ -192,6 +193,9 @@ class Bus:
         weather: put on all that it takes.
         lossless: hold up who publishes rather than drop what a hearer cannot take yet, as lock-step needs.
         patience: until the first link to one of ``connect`` stands [s].
+
+    Attributes:
+        failed: how many questions could not be answered at all.
     Raises:
         BusError: an endpoint is none, is taken, or nobody is there within ``patience``.
     """
@@ -207,6 +211,7 @@ class Bus:
         patience: float = 10.0,
     ) -> None:
         self._name = name
+        self.failed = 0
         # Otherwise a slow hearer shall not hold up the radio.
         self._congestion = zenoh.CongestionControl.BLOCK if lossless else zenoh.CongestionControl.DROP
         self._weather = weather or Weather()
@@ -276,8 +281,38 @@ class Bus:
     def answer(self, key: str) -> queue.Queue[Question]:
         """Take the questions at a key, in their order."""
         questions: queue.Queue[Question] = queue.Queue(MOST_QUESTIONS)
-        self._session.declare_queryable(key, lambda query: questions.put(Question(query)))
+
+        def take(query: zenoh.Query) -> None:
+            try:
+                questions.put_nowait(Question(query))
+            except queue.Full:  # Zenoh's own thread must not wait: it brings the beacons too
+                self.failed += 1
+
+        self._session.declare_queryable(key, take)
         return questions
+
+    def attend(self, key: str, answer: Callable[[bytes], bytes]) -> None:
+        """Answer the questions at a key in a thread, one after the other, whatever they are.
+
+        Args:
+            answer: to a question's content; raises BusError where there is none, and who asked is told why.
+        """
+        questions = self.answer(key)
+
+        def attend() -> None:
+            while True:
+                question = questions.get()
+                try:
+                    try:
+                        question.answer(answer(question.content))
+                    except BusError as error:
+                        question.refuse(str(error))
+                except Exception:  # a question that nobody foresaw, or an asker who is gone, ends no member
+                    self.failed += 1
+                    with suppress(Exception):
+                        question.refuse("not to be understood")
+
+        threading.Thread(target=attend, daemon=True).start()
 
     def claim(self, key: str) -> None:
         """Hold a key that only one peer may hold, until this peer leaves or dies.

@@ -146,8 +146,7 @@ class FreeHosts(HostsElsewhere):
         self._timetable: Iterator[Due] = iter(())
         self._reported: set[str] = set()
         self._step = 0
-        self._reports = bus.answer(report_key(contract))
-        threading.Thread(target=self._listen, daemon=True).start()
+        bus.attend(report_key(contract), self._note)
 
     def begin(self, timetable: Callable[[float], Timetable], patience: float) -> None:
         """Wait until every host has asked where its members are, and say when the run begins.
@@ -199,21 +198,13 @@ class FreeHosts(HostsElsewhere):
                 self._gone.remove(name)
                 self._notice(f"{name} is back at step {tick.step}")
 
-    def _listen(self) -> None:
-        while True:
-            question = self._reports.get()
-            try:
-                report = decode(Report, question.content)
-                self._note(report)
-            except BusError as error:
-                question.refuse(str(error))
-            else:
-                question.answer(b"")
-
-    def _note(self, report: Report) -> None:
+    def _note(self, question: bytes) -> bytes:
+        """What a host says that it has done."""
+        report = decode(Report, question)
         if report.name not in self._replies:
             raise BusError("bus: report: name", report.name, "one of this run's hosts")
         with self._lock:
             self._reported.add(report.name)
             moves: Mapping[str, int] = report.reply.moves if report.step == self._step else {}  # others come too late
             self._accept(report.name, report.reply, moves)
+        return b""

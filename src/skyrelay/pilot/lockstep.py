@@ -68,7 +68,7 @@ class HostsElsewhere:
         self._heard, self._notice = heard, notice
         self._names = list(names)
         self._replies: dict[str, Reply] = {name: Reply() for name in names}
-        self._sky = Sky(bus, contract)
+        self._sky = Sky(bus, contract, names)
         self._gone: set[str] = set()
         self._moves: dict[str, int] = {}
         self._flown: dict[str, Fix] = {}

@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from skyrelay.chain.node.devnet import Devnet
-from skyrelay.core.errors import SkyRelayError, StoreError, UsageError
+from skyrelay.core.errors import ChainError, SkyRelayError, StoreError, UsageError
 
 START = 60.0
 """A Kubo node that is not ready after so long does not start [s]."""
@@ -64,13 +64,23 @@ def _revive(network: Devnet, dead: list[int], say: Callable[[str], None]) -> Non
     """Start the validators that have ended again.
 
     Args:
-        dead: those that have not been started again; where one does not come back, the next look goes on with the rest.
+        dead: those that have not been started again; one that does not start now, as its port is still taken, is tried
+            again after the others.
     """
-    dead += network.ended()
+    for index in network.ended():
+        if index not in dead:
+            say(f"{f'validator-{index}':<12} ended; started again")
+            dead.append(index)
     while dead:
         index = dead.pop(0)
-        say(f"{f'validator-{index}':<12} ended; started again")
-        network.restart(index)
+        try:
+            network.restart(index)
+        except ChainError:
+            if network.runs(index):  # and sees no new block yet: there may be no quorum
+                _say_process(say, f"validator-{index}", network.pid(index), network.log(index))
+            else:
+                dead.append(index)
+            raise
         _say_process(say, f"validator-{index}", network.pid(index), network.log(index))
 
 

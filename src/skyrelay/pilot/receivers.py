@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from skyrelay.core.errors import BusError
 from skyrelay.pilot.bus import Bus
 from skyrelay.pilot.flown import FlownUav
 from skyrelay.pilot.position import PositionSource
@@ -28,35 +26,30 @@ class Sky:
 
     Args:
         contract: its address, which names the run on the bus.
+        names: of the run's hosts.
 
     Attributes:
         begin: when the run begins, for hosts that go by the clock [s since 1970].
-        asked: names of the hosts that have.
+        asked: names of the run's hosts that have.
     """
 
-    def __init__(self, bus: Bus, contract: str) -> None:
+    def __init__(self, bus: Bus, contract: str, names: Sequence[str]) -> None:
         self.begin: float | None = None
         self.asked: set[str] = set()
+        self._names = frozenset(names)
         self._fixes: dict[str, Fix] = {}
-        self._questions = bus.answer(sky_key(contract))
-        threading.Thread(target=self._answer, daemon=True).start()
+        bus.attend(sky_key(contract), self._answer)
 
     def tell(self, fixes: Mapping[str, Fix]) -> None:
         """New positions, by address."""
         self._fixes = dict(fixes)  # whoever is being answered keeps the old ones
 
-    def _answer(self) -> None:
-        while True:
-            question = self._questions.get()
-            try:
-                wanted = decode(WhereMessage, question.content)
-            except BusError as error:
-                question.refuse(str(error))
-                continue
-            fixes = self._fixes
-            known = {member: FixMessage.of(fixes[member]) for member in wanted.members if member in fixes}
-            question.answer(FixesMessage(fixes=known, time=time.time(), begin=self.begin).encode())
+    def _answer(self, question: bytes) -> bytes:
+        wanted, fixes = decode(WhereMessage, question), self._fixes
+        if wanted.name in self._names:  # others may ask, and are not remembered
             self.asked.add(wanted.name)
+        known = {member: FixMessage.of(fixes[member]) for member in wanted.members if member in fixes}
+        return FixesMessage(fixes=known, time=time.time(), begin=self.begin).encode()
 
 
 class Receivers:

@@ -8,6 +8,7 @@ import secrets
 import socket
 import threading
 import time
+import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -195,7 +196,7 @@ def up(
             # Their files come now, since who starts a host by hand may wait for its file alone.
             for place in places:
                 there = place.kind in elsewhere
-                path = _write_config(place, world, consortium, hosts, url, endpoint, there, clock)
+                path = _write_config(place, world, consortium, hosts, url, endpoint, there, clock, scenario.store.url)
                 command = ["agent", place.kind, "--config", str(path)]
                 if place.kind == "uav" and is_code(scenario.coordination.policy):
                     command += ["--policy", scenario.coordination.policy]
@@ -246,7 +247,7 @@ def up(
 
 @contextmanager
 def new_hosts_folder(path: Path) -> Iterator[Path]:
-    """An empty folder for the hosts' files, which stay for who wants to read their logs; the keys in it do not.
+    """An empty folder for the hosts' files, which stay for who wants to read their logs; no key and no password does.
 
     Raises:
         UsageError: something is at ``path`` that no run of this kind left.
@@ -267,6 +268,23 @@ def new_hosts_folder(path: Path) -> Iterator[Path]:
     finally:
         for file in path.glob("*.keystore"):
             file.unlink()
+        for file in path.glob("*.toml"):
+            _without_credentials(file)
+
+
+def _without_credentials(file: Path) -> None:
+    """Take names, passwords and tokens out of the addresses of a file; one that cannot be read goes."""
+    try:
+        tree = tomllib.loads(file.read_text("utf-8"))
+    except (OSError, ValueError):
+        file.unlink()
+        return
+    for table in (tree.get("chain"), tree.get("store")):
+        if isinstance(table, dict):
+            for key in ("url", "urls"):
+                if isinstance(urls := table.get(key), str | list):
+                    table[key] = public_address(urls) if isinstance(urls, str) else [*map(public_address, urls)]
+    write_text(file, tomli_w.dumps(tree), private=True)
 
 
 def a_port(wanted: int) -> int:
@@ -381,7 +399,7 @@ def _write_watch(
         "members": {address: name for name, address in accounts.items()},
     }
     path = hosts / "live.toml"
-    write_text(path, tomli_w.dumps(config))
+    write_text(path, tomli_w.dumps(config), private=True)
     return path
 
 
@@ -394,9 +412,9 @@ def _write_config(
     bus: str,
     elsewhere: bool,
     clock: ClockConfig | None,
+    store_url: str | None,
 ) -> Path:
     """The file that a place's process is started with."""
-    store_url = world.scenario.store.url
     config = {
         "name": place.name,
         "scenario": "scenario.toml",
@@ -408,7 +426,7 @@ def _write_config(
         **place.table,
     }
     path = hosts / f"{place.name}.toml"
-    write_text(path, tomli_w.dumps(config))
+    write_text(path, tomli_w.dumps(config), private=True)
     return path
 
 
@@ -425,4 +443,4 @@ def _write_world(file: Path, settings: dict[str, Any], consortium: Consortium, u
         "chain": access,
         "bus": {"listen": [bus]},
     }
-    write_text(file, tomli_w.dumps(tree))
+    write_text(file, tomli_w.dumps(tree), private=True)

@@ -43,6 +43,7 @@ from skyrelay.store.cid import Cid
 UAV_COLUMNS = ("x", "y", "zone", "bandwidth", "battery", "reputation")
 
 AnyScenario = TypeVar("AnyScenario", bound=Scenario)
+T = TypeVar("T")
 
 
 class Hosts(Protocol):
@@ -243,8 +244,8 @@ class Run:
         self._tick(Phase.BEACON, period)
         self.hosts.spread()
         self._tick(Phase.DECIDE, period)
-        self.flying.flight.correct({self.uav_row[uav]: fix for uav, fix in self.hosts.take_fixes().items()})
-        self.flying.flight.move({self.uav_row[uav]: action for uav, action in self.hosts.take_moves().items()})
+        self.flying.flight.correct(self._by_row(self.hosts.take_fixes()))
+        self.flying.flight.move(self._by_row(self.hosts.take_moves()))
         self.hovering.flight.move({})
         self.step = step + 1
         self._tell_positions()
@@ -263,6 +264,10 @@ class Run:
         self._tick(Phase.LAND, period)
         self._station()
         self.hovering.flight.retire(self.hovering.flight.spent())
+
+    def _by_row(self, told: Mapping[str, T]) -> dict[int, T]:
+        """Of what hosts say, by address, that which is of UAVs of this run."""
+        return {self.uav_row[uav]: what for uav, what in told.items() if uav in self.uav_row}
 
     def _station(self) -> None:
         """UAVs fly in the zones that the chain has them in by now."""
@@ -353,7 +358,7 @@ class Run:
         members = sorted(told.members.items(), key=lambda one: self._vehicle_row[one[0]])
         self.written.period(period, fleet, members)
         for name in filter(self._weighed.__contains__, self.vehicles):
-            weighed = {self._name_of(uav): value for uav, value in self._weighed[name].items()}
+            weighed = {self._name_of(uav): value for uav, value in self._weighed[name].items() if uav in self.uav_row}
             self.written.candidates(period, name, weighed)
         for row in told.proposals:
             row["qou"] = self._qou.get(row["order"], 0.0)

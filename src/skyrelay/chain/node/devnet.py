@@ -263,6 +263,10 @@ class Devnet:
         """Of the process of validator ``index``, which runs."""
         return self._processes[index].pid
 
+    def runs(self, index: int) -> bool:
+        """Whether validator ``index`` has been started and has not died since."""
+        return index in self._processes and self._processes[index].poll() is None
+
     def ended(self) -> list[int]:
         """The validators that have died by themselves since this was last called; `restart` starts them again."""
         dead = [index for index, process in self._processes.items() if process.poll() is not None]
