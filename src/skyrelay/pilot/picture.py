@@ -20,7 +20,7 @@ from skyrelay.runfolder.feed import LOW_BATTERY, Alert, Record
 
 MOST_WAITING = 100_000
 """Events that no record has held yet."""
-MOST_EARLY = 4
+MOST_EARLY = 64
 """Beacons of one member that wait for their steps to begin; the newest make room."""
 KEPT_PERIODS = 2
 """A vehicle that nobody serves is shown for so long where it last told the chain that it was [periods]."""
