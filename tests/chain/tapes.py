@@ -3,13 +3,15 @@
     python tests/chain/tapes.py
 
 records them anew, which every change of the contract asks for: a small world on GoQuorum (QBFT, IBFT) and on
-go-ethereum (Clique), which `make nodes` builds.
+go-ethereum (Clique), which `make nodes` builds. With the word ``votes`` behind it, it records the headers of chains
+whose validators vote another one in and out again, which do not depend on the contract.
 """
 
 from __future__ import annotations
 
 import gzip
 import json
+import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,6 +24,7 @@ from skyrelay.chain.accounts import Keyring
 from skyrelay.chain.node import devnet
 from skyrelay.chain.node.chain import NodeChain
 from skyrelay.chain.node.devnet import Devnet
+from skyrelay.chain.node.rpc import Endpoints
 from skyrelay.chain.proof.audit import audit_node
 
 FOLDER = Path(__file__).parent / "tapes"
@@ -96,8 +99,26 @@ def record(consensus: str) -> None:
         print(consensus, dict(report.checked), report.given)
 
 
+NEWCOMER = "0x" + "5e" * 20
+"""Who is voted in and out: an account without a node, so that the four others must seal."""
+
+
+def record_votes(consensus: str) -> None:
+    """Three of four vote a newcomer in and out again: every header of that chain."""
+    with tempfile.TemporaryDirectory() as folder, Devnet.create(Path(folder) / "net", consensus="qbft") as network:
+        chain = NodeChain(network.endpoints[0], Keyring.ephemeral())
+        for admit in (True, False):
+            for url in network.endpoints[:3]:
+                Endpoints([url], None, None).ask([("istanbul_propose", [NEWCOMER, admit])], 10.0)
+            network.wait_for_blocks(9)
+        headers = chain.blocks(range(chain.block_number + 1))
+    (FOLDER / f"votes-{consensus}.json.gz").write_bytes(gzip.compress(json.dumps(headers).encode(), mtime=0))
+    print(consensus, len(headers), "headers")
+
+
 if __name__ == "__main__":
     qbft = devnet.genesis_of
-    for kind in CONSENSUS:
+    votes = sys.argv[1:] == ["votes"]
+    for kind in ("qbft", "ibft") if votes else CONSENSUS:
         devnet.genesis_of = ibft if kind == "ibft" else qbft
-        record(kind)
+        (record_votes if votes else record)(kind)

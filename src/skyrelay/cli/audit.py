@@ -53,6 +53,9 @@ def command(
     unsealed: Annotated[
         bool, typer.Option("--unsealed", help="Accept a node whose blocks nobody has sealed (a development node).")
     ] = False,
+    epoch: Annotated[
+        int, typer.Option(min=1, help="Blocks after which the node's network forgets votes on its validators.")
+    ] = 30_000,
     as_json: Json = False,
 ) -> int:
     """Rebuild every selection from the chain alone and name what differs: skyrelay audit out/bologna.
@@ -73,7 +76,7 @@ def command(
         typer.echo(f"{stage} ...", err=True)
 
     named = [] if validators is None else [address.strip() for address in validators.split(",")]
-    root = TrustRoot.of(named, head, unsealed=unsealed)
+    root = TrustRoot.of(named, head, unsealed=unsealed, epoch=epoch)
     recorded = None if run_dir is None or contract is not None else _on_a_node(run_dir)
     if run_dir is not None and recorded is not None:
         urls = chain or [one.strip() for one in (recorded.chain_url or "").split(",")]

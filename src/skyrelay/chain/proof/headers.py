@@ -21,6 +21,7 @@ from eth_utils.exceptions import ValidationError
 
 from skyrelay.chain.chain import LogEntry
 from skyrelay.chain.proof.trie import Node, decode, encode, list_root
+from skyrelay.chain.proof.votes import Ballot
 from skyrelay.core.untrusted import hex_bytes, hex_number
 
 UNREADABLE = (
@@ -39,6 +40,9 @@ _ISTANBUL = "0x63746963616c2062797a616e74696e65206661756c7420746f6c6572616e6365"
 """mixHash of QBFT's and IBFT's headers."""
 _VANITY, _SEAL = 32, 65
 _IBFT_COMMIT = b"\x02"
+_ADMITS = {b"\xff": True, b"\x00": False, b"": False}
+_IBFT_VOTES = {b"\xff" * 8: b"\xff", bytes(8): b""}
+"""By the nonce of IBFT's headers; where there is no vote, the candidate is nobody, who is no validator anyway."""
 
 _HEADER = (
     ("parentHash", False),
@@ -67,10 +71,13 @@ class Seal:
     Attributes:
         signers: of the seals in it; none where the protocol puts none into its headers.
         validators: that the header names as entitled; None where it names none (Clique between its checkpoints).
+        proposer: of the block, and ``ballot`` its vote on who is a validator, where QBFT's or IBFT's header has them.
     """
 
     signers: frozenset[str]
     validators: frozenset[str] | None
+    proposer: str | None = None
+    ballot: Ballot | None = None
 
     @property
     def quorum(self) -> int:
@@ -110,12 +117,17 @@ def header_hash(header: Mapping[str, Any]) -> tuple[str, Seal]:
             validators, proposer, seals = ibft
             found = digest(extra[:_VANITY] + encode([validators, proposer, []]))
             signed = bytes(keccak(found + _IBFT_COMMIT))
+            unproposed = digest(extra[:_VANITY] + encode([validators, b"", []]))
+            author = _signer(bytes(keccak(unproposed)), proposer) if proposer else None
+            vote = [hex_bytes(header["miner"]), _IBFT_VOTES[hex_bytes(header["nonce"])]]
         else:
             vanity, validators, vote, round_, seals = decode(extra)
+            author = _address(hex_bytes(header["miner"]))
             found = digest(encode([vanity, validators, vote, b"", []]))
             signed = digest(encode([vanity, validators, vote, round_, []]))
         signers = frozenset(_signer(signed, seal) for seal in seals)
-        return "0x" + found.hex(), Seal(signers, frozenset(_address(item) for item in validators))
+        entitled = frozenset(_address(item) for item in validators)
+        return "0x" + found.hex(), Seal(signers, entitled, author, _ballot(author, vote))
     signers = frozenset()
     if len(extra) >= _VANITY + _SEAL:
         signers = frozenset({_signer(digest(extra[:-_SEAL]), extra[-_SEAL:])})
@@ -186,6 +198,14 @@ def account_code_hash(account: bytes) -> bytes:
     """The hash of a contract's code, of its entry in the state's trie."""
     _, _, _, code_hash = decode(account)
     return bytes(code_hash)
+
+
+def _ballot(proposer: str | None, vote: Sequence[bytes]) -> Ballot | None:
+    """A proposer's vote, of its RLP: nothing, or an account and whether it is to be a validator."""
+    if proposer is None or not vote:
+        return None
+    candidate, kind = vote
+    return Ballot(proposer, _address(candidate), _ADMITS[kind])
 
 
 def _ibft_extra(extra: bytes) -> list[Any] | None:

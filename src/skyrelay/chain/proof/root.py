@@ -6,8 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from skyrelay.chain.proof.headers import UNREADABLE, header_hash
+from skyrelay.chain.proof.headers import UNREADABLE, Seal, header_hash
+from skyrelay.chain.proof.votes import EPOCH, Election
 from skyrelay.core.errors import ChainError, UsageError
+from skyrelay.core.untrusted import hex_number
+
+MOST_FOLLOWED = 5_000
+"""Headers that are followed back from the latest to the validators that are known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,14 +23,23 @@ class TrustRoot:
         validators: addresses, lower case; None: whoever the first block names.
         head: hash of a block that must be on the chain; None: any chain.
         unsealed: a chain whose headers carry no seals is what was asked for (a development node).
+        epoch: blocks after which the network forgets votes on its validators.
     """
 
     validators: frozenset[str] | None = None
     head: str | None = None
     unsealed: bool = False
+    epoch: int = EPOCH
 
     @classmethod
-    def of(cls, validators: Sequence[str] = (), head: str | None = None, *, unsealed: bool = False) -> TrustRoot:
+    def of(
+        cls,
+        validators: Sequence[str] = (),
+        head: str | None = None,
+        *,
+        unsealed: bool = False,
+        epoch: int = EPOCH,
+    ) -> TrustRoot:
         """From texts.
 
         Raises:
@@ -36,7 +50,7 @@ class TrustRoot:
         if head is not None:
             _require_hex("head", head, 32, "a block's hash")
         named = frozenset(text.lower() for text in validators)
-        return cls(named or None, None if head is None else head.lower(), unsealed)
+        return cls(named or None, None if head is None else head.lower(), unsealed, epoch)
 
     def check(self, name: str, ask: Callable[[str, list[Any]], Any]) -> None:
         """Have a node show that it is of this root, before it is believed anything.
@@ -48,27 +62,70 @@ class TrustRoot:
             ChainError: it is not.
         """
         if self.validators is not None:
-            sealers, entitled = _sealed(name, ask("eth_getBlockByNumber", ["latest", False]), None)
-            if entitled is None:
-                good = bool(sealers) and sealers <= self.validators
+            latest = _header(name, ask("eth_getBlockByNumber", ["latest", False]), None)
+            seal = latest.seal
+            if seal.validators is None:
+                good = bool(seal.signers) and seal.signers <= self.validators
             else:
-                good = entitled == self.validators and len(sealers & entitled) >= -(-2 * len(entitled) // 3)
+                good = _enough(seal, self.validators) or self._voted_in(name, latest, ask)
             if not good:
-                found = ", ".join(sorted(entitled or sealers)) or "nobody"
-                raise ChainError(f"{name}: sealed by", found, f"the validators {', '.join(sorted(self.validators))}")
+                found = ", ".join(sorted(seal.validators or seal.signers)) or "nobody"
+                wanted = f"the validators {', '.join(sorted(self.validators))}, or whom they have voted in"
+                raise ChainError(f"{name}: sealed by", found, wanted)
         if self.head is not None:
-            _sealed(name, ask("eth_getBlockByHash", [self.head, False]), self.head)
+            _header(name, ask("eth_getBlockByHash", [self.head, False]), self.head)
+
+    def _voted_in(self, name: str, latest: _Header, ask: Callable[[str, list[Any]], Any]) -> bool:
+        """Whether the validators of a block are those that this root's have voted in, by the headers in between."""
+        headers, known = [latest], False
+        while latest.number and len(headers) < MOST_FOLLOWED:
+            told = ask("eth_getBlockByHash", [latest.parent, False])
+            if told is None:  # a node that keeps the newest blocks only
+                break
+            latest = _header(name, told, latest.parent)
+            headers.append(latest)
+            known = known or latest.seal.validators == self.validators
+            # Votes may be older than the last header that names this root's validators, by an epoch at the most.
+            if known and (latest.number % self.epoch == 0 or len(headers) % 64 == 0) and self._follows(headers[::-1]):
+                return True
+        return known and self._follows(headers[::-1])
+
+    def _follows(self, headers: Sequence[_Header]) -> bool:
+        """Whether each header after the first that names this root's validators names whom those before voted for."""
+        names = [header.seal.validators == self.validators for header in headers]
+        first = names.index(True)
+        election = Election(self.validators or frozenset(), self.epoch)
+        for header in headers[first:]:
+            if header.number and not _enough(header.seal, election.validators):  # nobody seals the first block
+                return False
+            election.count(header.number, header.seal.ballot)
+        return True
 
 
-def _sealed(name: str, block: Any, digest: str | None) -> tuple[frozenset[str], frozenset[str] | None]:
-    """Who sealed a block, and who was entitled to; the block must have that hash."""
+@dataclass(frozen=True, slots=True)
+class _Header:
+    """A block's header, worked out again."""
+
+    number: int
+    parent: str
+    seal: Seal
+
+
+def _header(name: str, block: Any, digest: str | None) -> _Header:
+    """A block's header; the block must have that hash."""
     try:
         found, seal = header_hash(block)
+        header = _Header(hex_number(block["number"]), str(block["parentHash"]), seal)
     except UNREADABLE:
-        found, seal = "none that can be read", None
-    if seal is None or digest not in (None, found):
+        found, header = "none that can be read", None
+    if header is None or digest not in (None, found):
         raise ChainError(f"{name}: block", found, digest or "one with a header")
-    return seal.signers, seal.validators
+    return header
+
+
+def _enough(seal: Seal, validators: frozenset[str]) -> bool:
+    """A header names these validators, and a quorum of them has sealed it."""
+    return seal.validators == validators and len(seal.signers & validators) >= seal.quorum
 
 
 def _require_hex(place: str, text: str, size: int, what: str) -> None:

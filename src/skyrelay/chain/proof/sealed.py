@@ -26,6 +26,8 @@ from skyrelay.chain.proof.headers import (
 from skyrelay.chain.proof.replay import Difference
 from skyrelay.chain.proof.root import TrustRoot
 from skyrelay.chain.proof.trie import proven
+from skyrelay.chain.proof.votes import Ballot, Election
+from skyrelay.core.errors import ChainError
 from skyrelay.core.untrusted import hex_bytes, hex_number
 
 _ANY = TrustRoot()
@@ -69,6 +71,10 @@ class SealedBlocks:
         self._kind: str | None = None
         self._first_validators: frozenset[str] | None = None
         self._validators: frozenset[str] | None = None
+        self._first_parent = ""
+        self._election: Election | None = None
+        self._ballots: list[tuple[int, Ballot | None]] = []
+        self._looked_back = False
         self._head_seen = False
         self._sealed: Counter[str] = Counter()
         self._state = (0, "0x")
@@ -130,14 +136,16 @@ class SealedBlocks:
             self._differs(f"{place}: hash", str(told["hash"]), f"{digest} by its header")
         if self._parent is not None and told["parentHash"] != self._parent:
             self._differs(f"{place}: parent", str(told["parentHash"]), f"{self._parent}, the block before")
-        self._check_seal(place, seal)
+        if self._parent is None and not self._ballots:
+            self._first_parent = told["parentHash"]
+        self._check_seal(place, number, seal)
         self._parent = digest
         self._head_seen |= digest == self._root.head
         self._state = (number, told["stateRoot"])
         self.times[number] = hex_number(told["timestamp"])
 
-    def _check_seal(self, place: str, seal: Seal) -> None:
-        """Enough of the validators, and validators whom enough of those before them accepted."""
+    def _check_seal(self, place: str, number: int, seal: Seal) -> None:
+        """Enough of the validators, and validators whom those before them have voted for."""
         self._sealed.update(seal.signers)
         self._report.checked["seals"] += len(seal.signers)
         kind = _BY_VALIDATORS if seal.validators is not None else _BY_ONE if seal.signers else _BY_NOBODY
@@ -148,25 +156,60 @@ class SealedBlocks:
         if seal.validators is None:
             return
         if not seal.validators:
-            self._differs(f"{place}: validators", "none", "those that may seal")
+            told = "those that may seal (validators that a contract chooses are not supported)"
+            self._differs(f"{place}: validators", "none in its header", told)
         if not seal.signers <= seal.validators:
             strangers = ", ".join(sorted(seal.signers - seal.validators))
             self._differs(f"{place}: sealed by", strangers, "validators that its header names")
         entitled = len(seal.signers & seal.validators)
         if entitled < seal.quorum:
             self._differs(f"{place}: seals", f"of {entitled} validators", f"of {seal.quorum} at least")
-        if self._validators is not None and seal.validators != self._validators:
-            # A vote adds or removes one. Fewer than a third are dishonest, so one honest validator is among these
-            # signers and has seen the vote.
-            self._report.checked["changes of the validators"] += 1
-            known = len(seal.signers & self._validators)
-            if len(seal.validators ^ self._validators) != 1 or 3 * known <= len(self._validators):
-                self._differs(
-                    f"{place}: validators",
-                    ", ".join(sorted(seal.validators)),
-                    "those before with one more or one fewer, sealed by more than a third of those before",
-                )
+        if seal.proposer not in seal.validators:
+            self._differs(f"{place}: proposed by", str(seal.proposer), "a validator that its header names")
+        self._count(place, number, seal)
         self._validators = seal.validators
+
+    def _count(self, place: str, number: int, seal: Seal) -> None:
+        """The validators are those that the votes before the block have left; then its own vote."""
+        validators = seal.validators or frozenset()
+        election = self._election
+        if election is not None and validators != self._validators:
+            self._report.checked["changes of the validators"] += 1
+        if election is not None and validators != election.validators and not self._looked_back:
+            election = self._elected_before(place)  # they may have voted before the first block that is read here
+        if election is not None and validators != election.validators:
+            self._differs(
+                f"{place}: validators",
+                ", ".join(sorted(validators)),
+                f"{', '.join(sorted(election.validators))}, as more than half of them have voted",
+            )
+        if election is None or validators != election.validators:
+            election = Election(validators, self._root.epoch)
+        election.count(number, seal.ballot)
+        self._ballots.append((number, seal.ballot))
+        self._election = election
+
+    def _elected_before(self, place: str) -> Election:
+        """Counted anew from where the first block's epoch began; earlier blocks are known by the next one's hash."""
+        self._looked_back = True
+        first = self._ballots[0][0]
+        start = first - first % self._root.epoch
+        wanted, ballots, validators = self._first_parent, self._ballots[::-1], self._first_validators
+        try:
+            for end in range(first, start, -_AT_ONCE):
+                numbers = range(max(end - _AT_ONCE, start), end)
+                for number, told in zip(reversed(numbers), reversed(self._chain.blocks(numbers)), strict=True):
+                    digest, seal = header_hash(told)
+                    if digest != wanted:
+                        raise ValueError(f"block {number} has the hash {digest}, not {wanted}")
+                    wanted, validators = str(told["parentHash"]), seal.validators
+                    ballots.append((number, seal.ballot))
+        except (ChainError, *UNREADABLE) as error:
+            self._differs(f"{place}: votes before block {first}", f"not readable ({error})", "those of its epoch")
+        election = Election(validators or frozenset(), self._root.epoch)
+        for number, ballot in reversed(ballots):
+            election.count(number, ballot)
+        return election
 
     def _check_root(self, last: int) -> None:
         """What was read is of the chain that the reader knows."""
