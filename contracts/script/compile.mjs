@@ -1,6 +1,6 @@
 // Compile the contracts with the pinned compiler and write the artifacts that the Python package carries.
 //
-//   node script/compile.mjs           write src/skyrelay/chain/artifacts/{SkyRelay,SkyRelayExtension}.json
+//   node script/compile.mjs           write src/skyrelay/chain/artifacts/*.json
 //   node script/compile.mjs --check   exit 1, naming the first difference, if a committed one is not what the sources give
 //
 // SkyRelay's ABI is the union of both contracts', for both answer at its address.
@@ -94,7 +94,7 @@ function artifact(name, extra) {
 }
 
 const extension = artifact("SkyRelayExtension");
-for (const result of [artifact("SkyRelay", extension), extension]) {
+for (const result of [artifact("SkyRelay", extension), extension, artifact("OptimisticSelection")]) {
   const path = join(folder, `${result.contractName}.json`);
   const shown = relative(resolve(root, ".."), path);
   const size = `${result.deployedBytecode.length / 2 - 1} bytes of code`;

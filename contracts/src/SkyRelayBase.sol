@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity 0.8.26;
 
-import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
-import {ISkyRelayTypes} from "./interfaces/ISkyRelayTypes.sol";
-import {Quality} from "./libraries/Quality.sol";
+import {SkyRelayRules} from "./SkyRelayRules.sol";
 import {
     Member,
     MemberLibrary,
+    Past,
     PlaceLibrary,
     Proposal,
     ProposalLibrary,
@@ -15,37 +14,14 @@ import {
     Zone
 } from "./libraries/Records.sol";
 
-/// @title What SkyRelay and its extension share: parameters, storage, and what becomes of a proposal
-abstract contract SkyRelayBase is ISkyRelayTypes {
-    /// @notice Runs allocations and resets, assigns models, in zones without a coordinator of their own.
-    bytes32 public constant COORDINATOR_ROLE = keccak256("COORDINATOR_ROLE");
-    /// @notice Registers models.
-    bytes32 public constant PUBLISHER_ROLE = keccak256("PUBLISHER_ROLE");
-    /// @notice Sets reputations.
-    bytes32 public constant REPUTATION_ROLE = keccak256("REPUTATION_ROLE");
-    /// @notice Admits members by vouchers, suspends members and zones.
-    bytes32 public constant REGISTRAR_ROLE = keccak256("REGISTRAR_ROLE");
-
+/// @title What SkyRelay and its extension share: storage, and what becomes of a proposal
+abstract contract SkyRelayBase is SkyRelayRules {
     /// @dev Open and selected proposals that one UAV has at a time: what bounds the gas of one UAV's allocation.
     uint256 internal constant MAX_PROPOSALS = 1024;
     /// @dev Places of a session's list, those of rejected proposals included.
     uint256 internal constant MAX_PLACES = 65_535;
     /// @dev UAVs in one zone's list.
     uint256 internal constant MAX_ZONE_UAVS = 65_535;
-    /// @dev Battery and reputation of 100.
-    uint256 internal constant HUNDRED = 10_000;
-    uint256 private constant WEIGHT_SUM = 1e6;
-
-    uint256 private immutable DEMAND_COEFFICIENT;
-    uint256 private immutable PAYMENT_COEFFICIENT;
-    uint256 private immutable REPUTATION_COEFFICIENT;
-    uint256 private immutable CLOSENESS_COEFFICIENT;
-    uint256 private immutable DENOMINATOR;
-    uint256 private immutable MAX_DISTANCE; // [1e-16 m]
-    bool private immutable RANGE_GATE;
-    uint256 private immutable MAX_DEMAND;
-    uint256 private immutable STALE_AFTER;
-    uint256 internal immutable MAX_PAYMENT;
 
     /// @dev A session's lists. Two sets alternate, so that the last session that served somebody can still be rated;
     /// what they held before is overwritten, never cleared. Bit i of `selected` belongs to proposal i, where
@@ -77,33 +53,10 @@ abstract contract SkyRelayBase is ISkyRelayTypes {
     mapping(uint256 zone => bytes32 modelId) internal _zoneModels;
     mapping(uint256 zone => address account) internal _coordinators;
     mapping(bytes32 modelId => Model model) internal _models;
+    mapping(address member => Past before) internal _past;
     // slither-disable-end uninitialized-state,unused-state
 
-    constructor(Parameters memory p) {
-        uint256 qou = 0;
-        uint256 qov = 0;
-        for (uint256 i = 0; i < 4; ++i) {
-            qou += p.qouWeights[i];
-            qov += p.qovWeights[i];
-        }
-        if (
-            qou != WEIGHT_SUM || qov != WEIGHT_SUM || p.maxBandwidth == 0 || p.maxDemand == 0 || p.maxPayment == 0
-                || p.maxDistance == 0 || p.initialReputation > HUNDRED || p.ratingStep > HUNDRED || p.channels == 0
-                || p.actions == 0
-        ) revert InvalidParameters();
-        (uint256[4] memory numerators, uint256 denominator) =
-            Quality.coefficients(p.qovWeights, p.maxDemand, p.maxPayment, p.maxDistance);
-        DEMAND_COEFFICIENT = numerators[0];
-        PAYMENT_COEFFICIENT = numerators[1];
-        REPUTATION_COEFFICIENT = numerators[2];
-        CLOSENESS_COEFFICIENT = numerators[3];
-        DENOMINATOR = denominator;
-        MAX_DISTANCE = p.maxDistance * Quality.DISTANCE_SCALE;
-        RANGE_GATE = p.rangeGate;
-        MAX_DEMAND = p.maxDemand;
-        MAX_PAYMENT = p.maxPayment;
-        STALE_AFTER = p.staleAfter;
-    }
+    constructor(Parameters memory p) SkyRelayRules(p) {}
 
     // Records: what is unknown reverts
 
@@ -119,10 +72,6 @@ abstract contract SkyRelayBase is ISkyRelayTypes {
     function _vehicle(address vehicle) internal view returns (Member v) {
         v = _members[vehicle];
         if (v.kind() != MemberLibrary.VEHICLE) revert UnknownVehicle(vehicle);
-    }
-
-    function _isStale(Member u) internal view returns (bool) {
-        return STALE_AFTER != 0 && block.timestamp > u.timestamp() + STALE_AFTER;
     }
 
     // Proposals
@@ -186,6 +135,8 @@ abstract contract SkyRelayBase is ISkyRelayTypes {
             refusal = abi.encodeWithSelector(Suspended.selector, v.suspended() ? vehicle : uav);
         } else if (z.allocating()) {
             refusal = abi.encodeWithSelector(ZoneAllocating.selector, zone);
+        } else if (z.claimed()) {
+            refusal = abi.encodeWithSelector(ZoneClaimed.selector, zone);
         } else if (round != z.round()) {
             refusal = abi.encodeWithSelector(WrongRound.selector, round, z.round());
         } else if (u.battery() == 0) {
@@ -207,23 +158,6 @@ abstract contract SkyRelayBase is ISkyRelayTypes {
                 refusal = abi.encodeWithSelector(TooFar.selector, distance, MAX_DISTANCE);
             }
         }
-    }
-
-    function _quality(Member v, Member u, uint256 demand)
-        internal
-        view
-        returns (uint256 qov, uint256 score, uint256 distance)
-    {
-        unchecked {
-            distance = Quality.distance(v.x() - u.x(), v.y() - u.y());
-            // Each term is below 2^218: see Quality.coefficients.
-            qov = (
-                DEMAND_COEFFICIENT * demand + PAYMENT_COEFFICIENT * v.payment()
-                    + REPUTATION_COEFFICIENT * v.reputation()
-                    + CLOSENESS_COEFFICIENT * Math.saturatingSub(MAX_DISTANCE, distance)
-            ) / DENOMINATOR;
-        }
-        score = Quality.score(qov, demand);
     }
 
     /// @dev Take a vehicle's open or selected proposal back. An open one's place goes to the last of the list; a

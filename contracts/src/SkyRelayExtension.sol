@@ -4,24 +4,31 @@ pragma solidity 0.8.26;
 import {AccessControlDefaultAdminRules} from
     "@openzeppelin/contracts/access/extensions/AccessControlDefaultAdminRules.sol";
 import {ECDSA} from "@openzeppelin/contracts/utils/cryptography/ECDSA.sol";
-import {EIP712} from "@openzeppelin/contracts/utils/cryptography/EIP712.sol";
 import {MessageHashUtils} from "@openzeppelin/contracts/utils/cryptography/MessageHashUtils.sol";
 import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {SkyRelayBase} from "./SkyRelayBase.sol";
 import {ISkyRelayExtension} from "./interfaces/ISkyRelayExtension.sol";
 import {ProposalHeap} from "./libraries/ProposalHeap.sol";
-import {Member, MemberLibrary, Proposal, Session, Zone} from "./libraries/Records.sol";
+import {Member, MemberLibrary, Past, Proposal, Session, Zone} from "./libraries/Records.sol";
 
 /// @title The extension of SkyRelay: what the consortium calls, and views; ISkyRelayExtension says what each function does
 /// @notice Runs on SkyRelay's storage, by its fallback. Called at its own address it knows nobody, and its administrator
 /// is itself: whatever writes reverts.
-contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP712, ISkyRelayExtension {
+contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, ISkyRelayExtension {
+    /// @notice Runs allocations and resets, assigns models, in zones without a coordinator of their own.
+    bytes32 public constant COORDINATOR_ROLE = keccak256("COORDINATOR_ROLE");
+    /// @notice Registers models.
+    bytes32 public constant PUBLISHER_ROLE = keccak256("PUBLISHER_ROLE");
+    /// @notice Sets reputations.
+    bytes32 public constant REPUTATION_ROLE = keccak256("REPUTATION_ROLE");
+    /// @notice Admits members by vouchers, suspends members and zones.
+    bytes32 public constant REGISTRAR_ROLE = keccak256("REGISTRAR_ROLE");
+    /// @notice Has zones decided by claims: the contract OptimisticSelection, where a consortium has one.
+    bytes32 public constant SETTLER_ROLE = keccak256("SETTLER_ROLE");
+
     /// @dev Models in use: what bounds the gas of `determineMDRLModel`.
     uint256 private constant MAX_MODELS = 64;
     bytes32 private constant VOUCHER = keccak256("Voucher(address member,uint8 kind,uint256 expires)");
-    bytes32 private constant PROPOSAL = keccak256(
-        "Proposal(address uav,uint32 zone,uint32 round,int32 x,int32 y,uint32 payment,uint32 demand,uint32 since)"
-    );
 
     uint256 private immutable RATING_STEP;
     uint256 private immutable OBSERVATION_SIDE;
@@ -31,11 +38,11 @@ contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP7
     uint256 private immutable ALLOCATION_DEADLINE;
     uint256 private immutable MINIMUM_PERIOD;
     uint48 private immutable ADMIN_DELAY;
+    uint256 private immutable SETTLING;
 
     constructor(Parameters memory p)
         SkyRelayBase(p)
         AccessControlDefaultAdminRules(0, address(this))
-        EIP712("SkyRelay", "1")
     {
         RATING_STEP = p.ratingStep;
         OBSERVATION_SIDE = p.observationSide;
@@ -45,6 +52,7 @@ contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP7
         ALLOCATION_DEADLINE = p.allocationDeadline;
         MINIMUM_PERIOD = p.minimumPeriod;
         ADMIN_DELAY = p.adminDelay;
+        SETTLING = p.settling;
     }
 
     // Administration
@@ -77,8 +85,9 @@ contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP7
     function admit(address member, uint8 kind, uint256 expires, bytes calldata signature) external {
         if (!ADMISSION) revert AdmissionOpen();
         if (Member.unwrap(_members[member]) != 0) revert AlreadyRegistered(member);
+        bytes32 hash = keccak256(abi.encode(VOUCHER, member, kind, expires));
         address registrar =
-            ECDSA.recover(_hashTypedDataV4(keccak256(abi.encode(VOUCHER, member, kind, expires))), signature);
+            ECDSA.recover(MessageHashUtils.toTypedDataHash(_domain(address(this)), hash), signature);
         if (
             !hasRole(REGISTRAR_ROLE, registrar) || block.timestamp > expires
                 || (kind != MemberLibrary.UAV && kind != MemberLibrary.VEHICLE)
@@ -100,6 +109,7 @@ contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP7
         } else {
             revert UnknownMember(member);
         }
+        if (SETTLING != 0) _past[member] = _past[member].withSuspension();
         _members[member] = m.withSuspension(suspended);
         emit MemberSuspended(member, suspended);
     }
@@ -114,7 +124,7 @@ contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP7
 
     /// @inheritdoc ISkyRelayExtension
     function submitSigned(SignedBatch[] calldata batches) external returns (uint256 taken) {
-        bytes32 domain = _domainSeparatorV4();
+        bytes32 domain = _domain(address(this));
         for (uint256 b = 0; b < batches.length; ++b) {
             address uav = batches[b].uav;
             SignedProposal[] calldata proposals = batches[b].proposals;
@@ -129,7 +139,7 @@ contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP7
     /// @inheritdoc ISkyRelayExtension
     function allocateZone(uint32 zone, uint256 maxProposals) external returns (bool done) {
         Zone z = _zone(zone);
-        if (!z.allocating() && !(z.waiting() && _isOverdue(z))) _requireCoordinator(zone);
+        if (!z.allocating() && !(z.waiting() && _isOverdue(z))) _requireCoordinator(zone, msg.sender);
         if (maxProposals == 0) revert NoWork();
         uint24[MAX_ZONE_UAVS] storage list = _zoneUAVs[zone];
         uint256 length = z.uavs();
@@ -163,7 +173,7 @@ contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP7
     function resetListsForZone(uint32 zone) external {
         Zone z = _zone(zone);
         uint256 due = z.begun() + MINIMUM_PERIOD;
-        if (MINIMUM_PERIOD == 0 || block.timestamp <= due || !_isOverdue(z)) _requireCoordinator(zone);
+        if (MINIMUM_PERIOD == 0 || block.timestamp <= due || !_isOverdue(z)) _requireCoordinator(zone, msg.sender);
         if (z.allocating() || z.waiting()) revert ProposalsUndecided(zone);
         if (block.timestamp < due) revert PeriodNotDue(zone, due);
         z = z.nextPeriod();
@@ -174,7 +184,7 @@ contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP7
     /// @inheritdoc ISkyRelayExtension
     function determineMDRLModel(uint32 zone) external returns (bytes32 modelId) {
         Zone z = _zone(zone);
-        if (z.hasModel() || z.waiting() || !_isOverdue(z)) _requireCoordinator(zone);
+        if (z.hasModel() || z.waiting() || !_isOverdue(z)) _requireCoordinator(zone, msg.sender);
         if (z.allocating()) revert ZoneAllocating(zone);
         uint256 uavs = z.selectedUAVs();
         uint256 vehicles = z.selectedVehicles();
@@ -197,6 +207,52 @@ contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP7
         _zoneModels[zone] = modelId;
         _zones[zone] = z.withModel();
         emit ModelAssigned(zone, modelId, uint32(z.round()), uint32(uavs), uint32(vehicles));
+    }
+
+    // Claims
+
+    /// @inheritdoc ISkyRelayExtension
+    function settle(uint32 zone, uint32 round, address coordinator, int256 uavs, int256 vehicles)
+        external
+        onlyRole(SETTLER_ROLE)
+        returns (uint32 period)
+    {
+        Zone z = _zone(zone);
+        _requireCoordinator(zone, coordinator);
+        if (z.suspended()) revert SuspendedZone(zone);
+        if (round != z.round()) revert WrongRound(round, uint32(z.round()));
+        if (z.allocating() || z.waiting()) revert ProposalsUndecided(zone);
+        if (!z.claimed() && z.selectedUAVs() != 0) revert ZoneDecided(zone);
+        uint256 allUAVs = uint256(uavs + int256(z.selectedUAVs()));
+        uint256 allVehicles = uint256(vehicles + int256(z.selectedVehicles()));
+        _requireAtMost(allUAVs, MAX_ZONE_UAVS); // below 0 is above all
+        _requireAtMost(allVehicles, type(uint32).max);
+        z = z.withClaim(allUAVs, allVehicles);
+        period = uint32(z.period());
+        emit ZoneAllocated(zone, period, round, uint32(allUAVs), uint32(allVehicles));
+        _zones[zone] = z.nextRound();
+    }
+
+    /// @inheritdoc ISkyRelayExtension
+    function unsettle(uint32 zone, uint32 period) external onlyRole(SETTLER_ROLE) {
+        Zone z = _zones[zone];
+        if (z.period() != period) return;
+        _zones[zone] = z.withoutClaim();
+        emit ZoneUnsettled(zone, period);
+    }
+
+    /// @inheritdoc ISkyRelayExtension
+    function recordsAt(address[] calldata members, uint256 number) external view returns (Member[] memory records) {
+        records = new Member[](members.length);
+        for (uint256 i = 0; i < members.length; ++i) {
+            Member m = _members[members[i]];
+            if (number < block.number) {
+                Past past = _past[members[i]];
+                if (past.rated() > number) m = m.withReputation(past.reputation());
+                if (past.suspended() > number) m = m.withSuspension(false);
+            }
+            records[i] = m;
+        }
     }
 
     // Models
@@ -257,7 +313,7 @@ contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP7
             _requireAtMost(reputation, HUNDRED);
             Member m = _members[member];
             if (m.kind() != MemberLibrary.UAV && m.kind() != MemberLibrary.VEHICLE) revert UnknownMember(member);
-            _members[member] = m.withReputation(reputation);
+            _setReputation(member, m, reputation);
             emit ReputationSet(member, reputation);
         }
     }
@@ -290,7 +346,7 @@ contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP7
     // Views
 
     /// @inheritdoc ISkyRelayExtension
-    function getZoneUAV(uint32 zone, uint256 first, uint256 most) external view returns (address[] memory uavs) {
+    function getZoneUAV(uint32 zone, uint256 first, uint256 most) public view returns (address[] memory uavs) {
         uint256 length = _zone(zone).uavs();
         uavs = new address[](first < length ? Math.min(most, length - first) : 0);
         uint24[MAX_ZONE_UAVS] storage list = _zoneUAVs[zone];
@@ -342,14 +398,11 @@ contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP7
         view
         returns (address[] memory uavs)
     {
-        Zone z = _zone(zone);
-        uint24[MAX_ZONE_UAVS] storage list = _zoneUAVs[zone];
-        uint256 end = first < z.uavs() ? first + Math.min(most, z.uavs() - first) : first;
-        address[] memory found = new address[](end - first);
+        address[] memory found = getZoneUAV(zone, first, most);
         uint256 count = 0;
-        for (uint256 i = first; i < end; ++i) {
-            Session s = _sessions[list[i]];
-            if (s.key() == z.key(zone) && s.selected() != 0) found[count++] = _uavList[list[i]];
+        for (uint256 i = 0; i < found.length; ++i) {
+            (Session s, bool current) = _session(_members[found[i]]);
+            if (current && s.selected() != 0) found[count++] = found[i];
         }
         uavs = new address[](count);
         for (uint256 i = 0; i < count; ++i) {
@@ -444,34 +497,7 @@ contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP7
         Lists storage lists = _lists[index][s.list()];
         (uint256[] memory heap, address[] memory vehicles) = _load(lists, s);
         uint256[] memory bits = new uint256[]((s.count() + 255) >> 8);
-        uint256 size = heap.length;
-        ProposalHeap.build(heap, size);
-
-        uint256 left = bandwidth;
-        uint256 taken = 0;
-        uint256 misfits = 0;
-        uint256 patience = 1;
-        while (size != 0) {
-            uint256 best = ProposalHeap.pop(heap, size);
-            unchecked {
-                --size;
-                uint256 demand = uint32(best);
-                if (demand > left) {
-                    // What does not fit now never will. Doubling the patience bounds the passes by log n.
-                    if (++misfits == patience) {
-                        size = ProposalHeap.keepFitting(heap, size, left);
-                        patience <<= 1;
-                        misfits = 0;
-                    }
-                    continue;
-                }
-                left -= demand;
-                uint256 i = type(uint16).max - uint16(best >> 176);
-                bits[i >> 8] |= 1 << (i & 0xff);
-                // Each proposal that is popped leaves a word free at the end.
-                heap[heap.length - ++taken] = uint16(best >> 32);
-            }
-        }
+        (uint256 taken, uint256 left) = ProposalHeap.take(heap, bits, bandwidth);
         address[] memory selected = new address[](taken);
         for (uint256 i = 0; i < taken; ++i) {
             selected[i] = vehicles[heap[heap.length - 1 - i]];
@@ -514,29 +540,23 @@ contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP7
                     word ^= bit;
                     uint256 i = w << 8 | Math.log2(bit);
                     Proposal p = lists.proposals[i];
-                    (vehicles[size], heap[size]) = (p.vehicle(), _heapWord(p, i, size));
+                    (vehicles[size], heap[size]) = (p.vehicle(), ProposalHeap.word(p.score(), i, size, p.demand()));
                     ++size;
                 }
             }
             for (uint256 i = decided; i < count; ++i) {
                 Proposal p = lists.proposals[i];
-                (vehicles[size], heap[size]) = (p.vehicle(), _heapWord(p, i, size));
+                (vehicles[size], heap[size]) = (p.vehicle(), ProposalHeap.word(p.score(), i, size, p.demand()));
                 ++size;
             }
         }
     }
 
-    function _heapWord(Proposal p, uint256 place, uint256 number) private pure returns (uint256) {
-        unchecked {
-            return p.score() << 192 | (type(uint16).max - place) << 176 | number << 32 | p.demand();
-        }
-    }
-
-    /// @dev Revert unless the caller coordinates the zone.
-    function _requireCoordinator(uint32 zone) private view {
+    /// @dev Revert unless an account coordinates the zone.
+    function _requireCoordinator(uint32 zone, address account) private view {
         address coordinator = _coordinators[zone];
-        if (coordinator == address(0)) _checkRole(COORDINATOR_ROLE);
-        else if (coordinator != msg.sender) revert NotCoordinator(zone, msg.sender);
+        if (coordinator == address(0)) _checkRole(COORDINATOR_ROLE, account);
+        else if (coordinator != account) revert NotCoordinator(zone, account);
     }
 
     /// @dev The coordinator has had its time: what takes no choice is anyone's.
@@ -553,7 +573,7 @@ contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP7
         (int32 x, int32 y) = (int32(uint32(terms)), int32(uint32(terms >> 32)));
         (uint256 payment, uint256 demand, uint256 since) =
             (uint32(terms >> 64), uint32(terms >> 96), uint32(terms >> 128));
-        bytes32 hash = keccak256(abi.encode(PROPOSAL, uav, u.uavZone(), round, x, y, payment, demand, since));
+        bytes32 hash = _proposalHash(uav, u.uavZone(), round, terms);
         // slither-disable-next-line unused-return (why a signature is none does not matter)
         (address vehicle, ECDSA.RecoverError failure,) =
             ECDSA.tryRecover(MessageHashUtils.toTypedDataHash(domain, hash), signed.r, signed.vs);
@@ -593,11 +613,23 @@ contract SkyRelayExtension is SkyRelayBase, AccessControlDefaultAdminRules, EIP7
         uint256 reputation = m.reputation();
         if (good) reputation = Math.min(reputation + RATING_STEP, HUNDRED);
         else reputation = Math.saturatingSub(reputation, RATING_STEP);
-        _members[member] = m.withReputation(reputation);
+        _setReputation(member, m, reputation);
         emit MemberRated(member, msg.sender, good, uint16(reputation));
     }
 
     // Records
+
+    /// @dev Where claims are taken, what a reputation was stays known until nobody can question a claim that used it.
+    function _setReputation(address member, Member m, uint256 reputation) private {
+        if (SETTLING != 0) {
+            Past past = _past[member];
+            if (past.rated() != 0 && block.number <= past.rated() + SETTLING) {
+                revert ReputationSettling(member);
+            }
+            _past[member] = past.withReputation(m.reputation());
+        }
+        _members[member] = m.withReputation(reputation);
+    }
 
     function _outside(uint256 value, uint256 low, uint256 high) private pure returns (uint256) {
         if (value < low) return low - value;

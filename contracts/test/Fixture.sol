@@ -14,6 +14,7 @@ interface IRelay is ISkyRelay, ISkyRelayExtension, IAccessControlDefaultAdminRul
     function PUBLISHER_ROLE() external view returns (bytes32);
     function REPUTATION_ROLE() external view returns (bytes32);
     function REGISTRAR_ROLE() external view returns (bytes32);
+    function SETTLER_ROLE() external view returns (bytes32);
 }
 
 /// @notice A deployed SkyRelay, this contract holding all its roles, and named members.
@@ -38,7 +39,8 @@ abstract contract Fixture is Test, ISkyRelayTypes {
             staleAfter: 3_600,
             allocationDeadline: 60,
             minimumPeriod: 0,
-            adminDelay: 1 days
+            adminDelay: 1 days,
+            settling: 0
         });
     }
 
@@ -61,6 +63,11 @@ abstract contract Fixture is Test, ISkyRelayTypes {
 
     function newRelay(Parameters memory p, address extension) internal returns (address) {
         return create(bytes.concat(code("SkyRelay"), abi.encode(p, extension)));
+    }
+
+    function newClaims(Parameters memory p, uint256 bond, uint256 supply) internal returns (address claims) {
+        claims = create(bytes.concat(code("OptimisticSelection"), abi.encode(p, relay, bond, supply)));
+        relay.grantRole(relay.SETTLER_ROLE(), claims);
     }
 
     function deploy() internal {

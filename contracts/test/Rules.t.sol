@@ -8,7 +8,7 @@ import {Fixture} from "./Fixture.sol";
 
 /// @notice What is signed off the chain, as a wallet would.
 abstract contract Signing is Fixture {
-    bytes32 private constant PROPOSAL = keccak256(
+    bytes32 internal constant PROPOSAL = keccak256(
         "Proposal(address uav,uint32 zone,uint32 round,int32 x,int32 y,uint32 payment,uint32 demand,uint32 since)"
     );
     bytes32 private constant VOUCHER = keccak256("Voucher(address member,uint8 kind,uint256 expires)");
@@ -24,7 +24,7 @@ abstract contract Signing is Fixture {
         uint32 since;
     }
 
-    function digest(bytes32 hash) private view returns (bytes32) {
+    function digest(bytes32 hash) internal view returns (bytes32) {
         bytes32 domain = keccak256(
             abi.encode(
                 keccak256("EIP712Domain(string name,string version,uint256 chainId,address verifyingContract)"),

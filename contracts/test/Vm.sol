@@ -20,6 +20,7 @@ interface Vm {
     function getCode(string calldata artifact) external view returns (bytes memory);
     function envOr(string calldata name, bool otherwise) external view returns (bool);
     function warp(uint256 timestamp) external;
+    function roll(uint256 number) external;
     function sign(uint256 key, bytes32 digest) external pure returns (uint8 v, bytes32 r, bytes32 s);
     function addr(uint256 key) external pure returns (address account);
 }

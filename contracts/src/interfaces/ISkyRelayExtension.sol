@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity 0.8.26;
 
+import {Member} from "../libraries/Records.sol";
 import {ISkyRelayTypes} from "./ISkyRelayTypes.sol";
 
 /// @title What the consortium calls: allocation, models, reputations, admission; ratings; and the views
@@ -46,6 +47,21 @@ interface ISkyRelayExtension is ISkyRelayTypes {
     /// the trained range, then least vehicles outside, then the highest score, then the first registered. By the zone's coordinator;
     /// by anyone where the period has no model and the deadline after the last allocation has passed.
     function determineMDRLModel(uint32 zone) external returns (bytes32 modelId);
+
+    /// @notice End a zone's round with what was claimed for it: so many UAVs and vehicles selected more than before, or
+    /// less. The zone takes no proposals until its period ends. By the contract that takes claims, for the zone's coordinator.
+    /// @return period that it belongs to.
+    function settle(uint32 zone, uint32 round, address coordinator, int256 uavs, int256 vehicles)
+        external
+        returns (uint32 period);
+
+    /// @notice A claim of this period was wrong: nobody is selected, and proposals are taken again. By the contract that
+    /// takes claims; nothing happens where the period is over.
+    function unsettle(uint32 zone, uint32 period) external;
+
+    /// @notice Members' packed records (`libraries/Records.sol`); reputation and suspension as they were after a block.
+    /// @dev What was longer ago than `settling` blocks is not known.
+    function recordsAt(address[] calldata members, uint256 number) external view returns (Member[] memory);
 
     /// @notice Publish a model. Its id is the hash of its owner, CID and card.
     /// @param cid binary CIDv1 with a sha2-256 multihash (36 bytes).

@@ -45,6 +45,9 @@ interface ISkyRelayTypes {
         uint32 minimumPeriod;
         /// How long a change of the administrator takes at the least [s].
         uint32 adminDelay;
+        /// A member's reputation changes once in so many blocks at the most, and what it was stays known: what claims of a
+        /// selection need (OptimisticSelection). 0: as often as anyone likes, and no claims.
+        uint32 settling;
     }
 
     /// @notice Table "Data Structures", UAVInfo.
@@ -199,6 +202,8 @@ interface ISkyRelayTypes {
     event ZoneAllocated(
         uint32 indexed zone, uint32 period, uint32 round, uint32 selectedUAVs, uint32 selectedVehicles
     );
+    /// @notice What claims have decided in a zone's period is void: one was wrong. Proposals are taken again.
+    event ZoneUnsettled(uint32 indexed zone, uint32 period);
     /// @notice The next period of a zone begins, with `round`: what belonged to the one before is void.
     event ZoneListsReset(uint32 indexed zone, uint32 period, uint32 round);
 
@@ -265,6 +270,12 @@ interface ISkyRelayTypes {
     error WrongRound(uint32 given, uint32 current);
     /// @notice Between the first and the last piece of an allocation.
     error ZoneAllocating(uint32 zone);
+    /// @notice Claims decide the zone in this period.
+    error ZoneClaimed(uint32 zone);
+    /// @notice The zone has selections of this period that no claim has made.
+    error ZoneDecided(uint32 zone);
+    /// @notice The member's reputation has changed lately: not again before `settling` blocks have passed.
+    error ReputationSettling(address member);
     /// @notice The vehicle has an open proposal in this round.
     error ProposalOpen(address vehicle);
     /// @notice The vehicle is served in this period.

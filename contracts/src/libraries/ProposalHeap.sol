@@ -5,6 +5,51 @@ pragma solidity 0.8.26;
 /// @notice Algorithm 2 takes the best proposals until the bandwidth is spent: a heap orders only those that are
 /// looked at, and its worst case is n log n whatever order an attacker submits in.
 library ProposalHeap {
+    /// @notice A proposal in one word, the larger the better: score, then the earlier place; below them a number, by
+    /// which the caller knows it again, and the demand.
+    function word(uint256 score, uint256 place, uint256 number, uint256 demand) internal pure returns (uint256) {
+        unchecked {
+            return score << 192 | (type(uint16).max - place) << 176 | number << 32 | demand;
+        }
+    }
+
+    /// @notice Algorithm 2 over proposals in any order: the best that fits into `bandwidth`, and again.
+    /// @param bits gets the bit of each place that is taken.
+    /// @return taken how many; their numbers stand at the end of `heap`, the first one last.
+    /// @return left of the bandwidth.
+    function take(uint256[] memory heap, uint256[] memory bits, uint256 bandwidth)
+        internal
+        pure
+        returns (uint256 taken, uint256 left)
+    {
+        left = bandwidth;
+        uint256 size = heap.length;
+        build(heap, size);
+        uint256 misfits = 0;
+        uint256 patience = 1;
+        while (size != 0) {
+            uint256 best = pop(heap, size);
+            unchecked {
+                --size;
+                uint256 demand = uint32(best);
+                if (demand > left) {
+                    // What does not fit now never will. Doubling the patience bounds the passes by log n.
+                    if (++misfits == patience) {
+                        size = keepFitting(heap, size, left);
+                        patience <<= 1;
+                        misfits = 0;
+                    }
+                    continue;
+                }
+                left -= demand;
+                uint256 place = type(uint16).max - uint16(best >> 176);
+                bits[place >> 8] |= 1 << (place & 0xff);
+                // Each proposal that is popped leaves a word free at the end.
+                heap[heap.length - ++taken] = uint16(best >> 32);
+            }
+        }
+    }
+
     /// @notice Order the first `size` words so that the largest is first. O(n).
     function build(uint256[] memory heap, uint256 size) internal pure {
         unchecked {
@@ -18,8 +63,8 @@ library ProposalHeap {
     function keepFitting(uint256[] memory heap, uint256 size, uint256 left) internal pure returns (uint256 kept) {
         unchecked {
             for (uint256 i = 0; i < size; ++i) {
-                uint256 word = heap[i];
-                if (uint32(word) <= left) heap[kept++] = word;
+                uint256 each = heap[i];
+                if (uint32(each) <= left) heap[kept++] = each;
             }
         }
         build(heap, kept);
@@ -42,7 +87,7 @@ library ProposalHeap {
             let base := add(heap, 0x20)
             let end := add(base, shl(5, size))
             let place := add(base, shl(5, hole))
-            let word := mload(place)
+            let moved := mload(place)
             for {} 1 {} {
                 // base + 2 * (place - base) + 0x20, the left child
                 let child := add(sub(shl(1, place), base), 0x20)
@@ -56,11 +101,11 @@ library ProposalHeap {
                         child := right
                     }
                 }
-                if iszero(gt(best, word)) { break }
+                if iszero(gt(best, moved)) { break }
                 mstore(place, best)
                 place := child
             }
-            mstore(place, word)
+            mstore(place, moved)
         }
     }
 }

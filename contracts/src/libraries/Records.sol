@@ -22,10 +22,14 @@ type Session is uint256;
 type Proposal is uint256;
 
 /// @dev period 0:32, round 32:32, UAVs 64:16, cursor of an allocation 80:16, UAVs with a selection 96:16, selected
-/// vehicles 112:32, allocating 144:1, has a model 145:1, has undecided proposals 146:1, suspended 147:1; time of the
-/// round's first proposal, before it of the last allocation or reset 152:32; time at which the period began 184:32.
+/// vehicles 112:32, allocating 144:1, has a model 145:1, has undecided proposals 146:1, suspended 147:1, decided by
+/// claims in this period 148:1; time of the round's first proposal, before it of the last allocation or reset 152:32;
+/// time at which the period began 184:32.
 /// 0 is unknown.
 type Zone is uint256;
+
+/// @dev What a member was: reputation 0:16 before block 16:64, in which it last changed; suspended or no longer 80:64.
+type Past is uint256;
 
 /// @dev What a proposal's QoV was computed from, in an event: x 0:32, y 32:32, payment 64:32, demand 96:32, UAV's x
 /// 128:32 and y 160:32, reputation 192:16.
@@ -38,6 +42,7 @@ using MemberLibrary for Member global;
 using SessionLibrary for Session global;
 using ProposalLibrary for Proposal global;
 using ZoneLibrary for Zone global;
+using PastLibrary for Past global;
 
 library MemberLibrary {
     uint256 internal constant UAV = 1;
@@ -104,6 +109,11 @@ library MemberLibrary {
 
     function bandwidth(Member m) internal pure returns (uint256) {
         return uint32(Member.unwrap(m) >> 96);
+    }
+
+    /// @dev Position and bandwidth alone.
+    function offered(Member m) internal pure returns (Member) {
+        return Member.wrap(Member.unwrap(m) & (type(uint64).max | uint256(type(uint32).max) << 96));
     }
 
     function uavZone(Member m) internal pure returns (uint256) {
@@ -293,6 +303,7 @@ library ZoneLibrary {
     uint256 private constant MODEL = 1 << 145;
     uint256 private constant WAITING = 1 << 146;
     uint256 private constant SUSPENDED = 1 << 147;
+    uint256 private constant CLAIMED = 1 << 148;
 
     /// @dev A zone in its first round of its first period.
     function opened() internal view returns (Zone) {
@@ -399,6 +410,21 @@ library ZoneLibrary {
         return uint32(Zone.unwrap(z) >> 184);
     }
 
+    /// @dev Claims decide the zone until the period ends or one is proved wrong.
+    function claimed(Zone z) internal pure returns (bool) {
+        return Zone.unwrap(z) & CLAIMED != 0;
+    }
+
+    function withClaim(Zone z, uint256 uavs_, uint256 vehicles_) internal pure returns (Zone) {
+        uint256 kept = Zone.unwrap(z) & ~(uint256(0xffffffffffff) << 96);
+        return Zone.wrap(kept | uavs_ << 96 | vehicles_ << 112 | CLAIMED);
+    }
+
+    /// @dev Nobody is selected, and proposals are taken again.
+    function withoutClaim(Zone z) internal pure returns (Zone) {
+        return Zone.wrap(Zone.unwrap(z) & ~(uint256(0xffffffffffff) << 96 | CLAIMED | MODEL));
+    }
+
     /// @dev Between two pieces of an allocation.
     function paused(Zone z, uint256 cursor_) internal pure returns (Zone) {
         return Zone.wrap(Zone.unwrap(z.withCursor(cursor_)) | ALLOCATING);
@@ -413,6 +439,30 @@ library ZoneLibrary {
     function nextPeriod(Zone z) internal view returns (Zone) {
         uint256 word = uint80(Zone.unwrap(z) + (1 << 32) + 1) | Zone.unwrap(z) & SUSPENDED;
         return Zone.wrap(word | uint256(uint32(block.timestamp)) << 184).withSince();
+    }
+}
+
+library PastLibrary {
+    function reputation(Past p) internal pure returns (uint256) {
+        return uint16(Past.unwrap(p));
+    }
+
+    /// @dev The block of the last change of the reputation; 0 where there was none.
+    function rated(Past p) internal pure returns (uint256) {
+        return uint64(Past.unwrap(p) >> 16);
+    }
+
+    /// @dev The block of the last suspension or its end; 0 where there was none.
+    function suspended(Past p) internal pure returns (uint256) {
+        return uint64(Past.unwrap(p) >> 80);
+    }
+
+    function withReputation(Past p, uint256 before) internal view returns (Past) {
+        return Past.wrap(Past.unwrap(p) >> 80 << 80 | block.number << 16 | before);
+    }
+
+    function withSuspension(Past p) internal view returns (Past) {
+        return Past.wrap(uint80(Past.unwrap(p)) | block.number << 80);
     }
 }
 

@@ -106,7 +106,7 @@ def _derivation(run: Run) -> Callable[[str], str] | None:
     """How the run's addresses follow from its names; None where keys that nobody has told give them."""
     if run.summary.chain_url is not None:
         return None
-    return signing_members().account if run.scenario.chain.submission == "batch" else account_of
+    return signing_members().account if run.scenario.chain.signs else account_of
 
 
 def audit_node_folder(
@@ -165,8 +165,9 @@ def _history(compared: Compared, run: Run, report: AuditReport) -> History | Non
             compared.differs("events.parquet", f"block {event.block}: step", step, f"that of {mined} s")
     names = dict(zip(run.accounts["address"], run.accounts["name"], strict=True))
     told = History(names, run.summary.periods, run.summary.period_steps)
-    for event, step in zip(report.events, steps, strict=True):
-        told.hear(event, step)
+    at = dict(zip(((event.block, event.transaction) for event in report.events), steps, strict=True))
+    for event in report.told:
+        told.hear(event, at[event.block, event.transaction])  # what a claim stands for: as its transaction
     told.open(run.summary.periods - 1)
     return told
 

@@ -250,6 +250,12 @@ def extension() -> Contract:
     return _compiled("SkyRelayExtension")
 
 
+@lru_cache(maxsize=1)
+def optimistic_selection() -> Contract:
+    """The compiled contract that takes claims of selections (docs/decisions/0081-optimistic-selection.md)."""
+    return _compiled("OptimisticSelection")
+
+
 def _compiled(name: str) -> Contract:
     text = (files("skyrelay.chain") / "artifacts" / f"{name}.json").read_text("utf-8")
     return Contract(json.loads(text))

@@ -41,6 +41,7 @@ class Role(Enum):
     PUBLISHER = "PUBLISHER_ROLE"
     REPUTATION = "REPUTATION_ROLE"
     REGISTRAR = "REGISTRAR_ROLE"
+    SETTLER = "SETTLER_ROLE"
 
 
 class ProposalStatus(IntEnum):
@@ -72,6 +73,8 @@ class Settings:
         allocation_deadline: how long after a round's first proposal anyone may have the zone allocated [s].
         minimum_period: how long a period lasts at the least [s]; 0: as the coordinator likes, and it alone ends one.
         admin_delay: how long a change of the administrator takes at the least [s].
+        settling: blocks in which a member's reputation changes once at the most, three times the window in which a
+            claim can be questioned; 0: no such rule, and no claims.
     """
 
     qou_weights: tuple[float, float, float, float] = (0.25, 0.25, 0.25, 0.25)
@@ -91,6 +94,7 @@ class Settings:
     allocation_deadline: int = 60
     minimum_period: int = 0
     admin_delay: int = 86_400
+    settling: int = 0
 
     @classmethod
     def of(cls, selection: Selection, **others: Any) -> Settings:
@@ -286,6 +290,11 @@ class IovClient:
         require_genuine(address, code, helper, chain.code(helper), creation, chain.chain_id)
         return cls(chain, address, _settings(arguments["parameters"]))
 
+    @property
+    def parameters(self) -> tuple[Any, ...]:
+        """The settings as constructors take them."""
+        return _parameters(self.settings)
+
     # Execution
 
     def execute(self, calls: Sequence[Call], timestamp: int | None = None) -> list[Receipt]:
@@ -361,6 +370,13 @@ class IovClient:
         By the UAV itself, by anyone where it is stale or suspended.
         """
         return self._call(sender, "resetUAVSubmission", uav)
+
+    # Claims
+
+    def reputations_at(self, members: Sequence[str], block: int) -> list[int]:
+        """`recordsAt`: reputations [0.01] after a block of no more than `Settings.settling` blocks ago."""
+        (records,) = self._read("recordsAt", [(list(members), block)])[0] if members else ([],)
+        return [record >> 168 & 0xFFFF for record in records]
 
     # Models
 
@@ -682,6 +698,7 @@ def _parameters(settings: Settings) -> tuple[Any, ...]:
         settings.allocation_deadline,
         settings.minimum_period,
         settings.admin_delay,
+        settings.settling,
     )
 
 
@@ -708,6 +725,7 @@ def _settings(parameters: Mapping[str, Any]) -> Settings:
         allocation_deadline=parameters["allocationDeadline"],
         minimum_period=parameters["minimumPeriod"],
         admin_delay=parameters["adminDelay"],
+        settling=parameters["settling"],
     )
 
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from skyrelay.chain import evm
-from skyrelay.chain.abi import contract, extension
+from skyrelay.chain.abi import contract, extension, optimistic_selection
 from skyrelay.chain.chain import SentTransaction
 from skyrelay.core.errors import ChainError
 
@@ -59,6 +59,20 @@ def require_genuine(
         raise ChainError("contract", address, "the code of this version's SkyRelay contract: another one is there")
     if extension_code != expected.extension:
         raise ChainError("contract extension", extension_address, "the code of this version's extension")
+
+
+def creates_claims(creation: SentTransaction, address: str, relay: str, relay_creation: SentTransaction) -> bool:
+    """Whether a transaction creates, at an address, this version's contract of claims for a SkyRelay."""
+    given = optimistic_selection().creation_arguments(creation.data)
+    rules = contract().creation_arguments(relay_creation.data)
+    created = evm.contract_address(int(creation.sender, 16), creation.nonce)
+    return (
+        given is not None
+        and rules is not None
+        and creation.to is None
+        and created == int(address, 16)
+        and (given["p"], str(given["relay"]).lower()) == (rules["p"], relay)
+    )
 
 
 def created_code(creation: bytes, address: str, sender: str, chain_id: int, codes: Mapping[str, bytes]) -> bytes:

@@ -366,6 +366,19 @@ class Chain(_Section):
         "direct", description="direct: vehicles send records and proposals; batch: they sign, a relayer hands many in"
     )
 
+    allocation: Literal["strict", "optimistic"] = Field(
+        "strict",
+        description="strict: on the chain; optimistic: vehicles sign, the coordinator claims the result, with a bond",
+    )
+    challenge_window: Annotated[Whole, Field(ge=1, le=UINT16)] = Field(
+        8, description="of an optimistic allocation: how long a claim can be proved wrong at the least [blocks]"
+    )
+
+    @property
+    def signs(self) -> bool:
+        """Vehicles sign their proposals for others to hand in."""
+        return self.submission == "batch" or self.allocation == "optimistic"
+
     @model_validator(mode="after")
     def _of_a_node(self) -> Chain:
         """What only a node has would be passed over in silence on the embedded chain."""
@@ -425,6 +438,13 @@ class Scenario(_Section):
         ):
             if largest > maximum:
                 raise ValueError(f"{key} of at most selection.{name} ({largest:g} is above {maximum:g})")
+        return self
+
+    @model_validator(mode="after")
+    def _claimable(self) -> Scenario:
+        """A period has six claims at the most: what proves one wrong has to fit a transaction."""
+        if self.chain.allocation == "optimistic" and self.selection.rounds > 6:
+            raise ValueError(f"selection.rounds of at most 6 with an optimistic allocation ({self.selection.rounds})")
         return self
 
     @model_validator(mode="after")

@@ -140,7 +140,7 @@ def make_agents(kind: Kind, config: HostConfig, keyring: Keyring) -> list[Agent]
     """The agents of one kind that a host's file names, with the addresses that its keys give them."""
     if kind == "vehicle":
         scenario, grid = config.resolved(), config.grid()
-        signs = scenario.chain.submission == "batch"
+        signs = scenario.chain.signs
         return [
             VehicleAgent(
                 vehicle.name,

@@ -159,6 +159,8 @@ def up(
     """
     if scenario.selection.method != "two-sided":
         raise by_the_contract_only()
+    if scenario.chain.allocation != "strict":
+        raise UsageError("chain.allocation", scenario.chain.allocation, "strict: hosts have no book of claims")
     begin = time.monotonic()
     with ExitStack() as stack:
         if nodes:

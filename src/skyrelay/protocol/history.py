@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from skyrelay.chain.abi import Event
+from skyrelay.chain.proof.reference import SETTLER
 
 DECIMETRES = 10
 HUNDREDTHS = 100
@@ -121,7 +122,7 @@ class History:
         match event.name:
             case "Deployed":
                 self.parameters = args["parameters"]
-            case "RoleGranted":
+            case "RoleGranted" if args["role"] != SETTLER:  # which a contract has, and no account
                 self.roles.add(args["account"])
             case "ModelRegistered":
                 self.cids[args["modelId"]] = bytes.fromhex(args["cid"][2:])

@@ -15,9 +15,11 @@ from skyrelay.chain.client import IovClient, Model
 from skyrelay.core.errors import ModelError, SkyRelayError, StoreError
 from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.calls import to_call
+from skyrelay.protocol.claims import ClaimBook
 from skyrelay.protocol.dispatch import Books
 from skyrelay.protocol.messages import (
     Advised,
+    AllocateZone,
     Beacon,
     ChainCall,
     Command,
@@ -67,6 +69,7 @@ class Host:
         refused: is called with every call that the contract refuses, after its agent has been told, and with every
             policy that cannot be had, does not fit or fails in flight, whose UAV then hovers; None: it raises.
         relay: hands in what the vehicles here sign; None where none of them does.
+        book: of the coordinator here, where it claims what they sign instead; None: the contract decides.
         alone: whether nobody else writes to the contract, so that what is mined here is all there is to hear.
 
     Attributes:
@@ -82,11 +85,12 @@ class Host:
         refused: Callable[[Agent, SkyRelayError], None] | None = None,
         *,
         relay: Relay | None = None,
+        book: ClaimBook | None = None,
         alone: bool = True,
     ) -> None:
         self.client, self.store = client, store
         self._refused, self._alone, self._next_block = refused, alone, 0
-        self._relay = relay
+        self._relay, self._book = relay, book
         self.agents = list(agents)
         self.transactions = self.gas_used = 0
         self.chain_seconds = 0.0
@@ -211,8 +215,8 @@ class Host:
             wishes = self._hand_in(offers, timestamp) if offers else []
             if not calls:
                 continue
-            receipts = self._mine([to_call(call, agent.address, self.client) for agent, call in calls], timestamp)
-            wishes += self._route(self.client.events_of(receipts) if self._alone else self._news())
+            receipts = self._mine([self._call_of(agent, call) for agent, call in calls], timestamp)
+            wishes += self._route(self._told(self.client.events_of(receipts)) if self._alone else self._news())
             for (agent, call), receipt in zip(calls, receipts, strict=True):
                 wishes += [(agent, wish) for wish in self._answer(agent, call, receipt)]
 
@@ -292,14 +296,34 @@ class Host:
         if self._relay is None:
             raise RuntimeError("vehicles that sign need a relayer")
         signed = self._timed(self._relay.sign, self.client, [(agent.address, offer) for agent, offer in offers])
-        receipts = self._mine(self._relay.calls(self.client, signed), timestamp)
-        events = self.client.events_of(receipts)
+        if self._book is None:
+            receipts = self._mine(self._relay.calls(self.client, signed), timestamp)
+            events = self.client.events_of(receipts)
+        else:
+            events = self._timed(self._book.take, signed)
         taken = {event.args["vehicle"] for event in events if event.name == "VehSelectionSubmitted"}
         wishes = self._route(events if self._alone else self._news())
         for agent, offer in offers:
             answer = Mined(offer) if agent.address in taken else LeftOut(offer)
             wishes += [(agent, wish) for wish in agent.receive(answer)]
         return wishes
+
+    def _call_of(self, agent: Agent, call: ChainCall) -> Call:
+        """The transaction for what an agent wants; an allocation is a claim where there is a book of them."""
+        if self._book is not None and isinstance(call, AllocateZone):
+            return self._timed(self._book.call, agent.address, call.zone)
+        return to_call(call, agent.address, self.client)
+
+    def _told(self, events: Sequence[Event]) -> list[Event]:
+        """The contract's events, and what claims among them stand for."""
+        if self._book is None:
+            return list(events)
+        told: list[Event] = []
+        for event in events:
+            if event.name == "ZoneAllocated":
+                told += self._book.decided(event.args["zone"], event)
+            told.append(event)
+        return told
 
     def _answer(self, agent: Agent, call: ChainCall, receipt: Receipt) -> Sequence[Command]:
         """Tell an agent what became of its call."""

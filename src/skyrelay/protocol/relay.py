@@ -22,14 +22,19 @@ class Relay:
     Args:
         keyring: of its vehicles; each signs with a key of its own.
         account: who sends the transactions, any account of the chain.
+        once_a_round: whether proposals are for a claim: their round, and not their record, has them count once.
     """
 
     keyring: Keyring
     account: str
+    once_a_round: bool = False
 
     def sign(self, client: IovClient, offers: Sequence[tuple[str, Offer]]) -> list[SignedProposal]:
         """Each vehicle's offer, by its address, signed for the record that the contract has of it now."""
-        told = client.vehicle_infos([vehicle for vehicle, _ in offers])
+        vehicles = [vehicle for vehicle, _ in offers]
+        written = (
+            [0] * len(vehicles) if self.once_a_round else [info.timestamp for info in client.vehicle_infos(vehicles)]
+        )
         return [
             sign_proposal(
                 self.keyring,
@@ -42,12 +47,12 @@ class Relay:
                     y=round(offer.record.y * DECIMETRES),
                     payment=round(offer.record.payment),
                     demand=offer.proposal.demand,
-                    since=info.timestamp,
+                    since=since,
                 ),
                 client.address,
                 client.chain.chain_id,
             )
-            for (vehicle, offer), info in zip(offers, told, strict=True)
+            for (vehicle, offer), since in zip(offers, written, strict=True)
         ]
 
     def calls(self, client: IovClient, proposals: Sequence[SignedProposal]) -> list[Call]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from skyrelay.airspace.maps import map_names
 from skyrelay.chain.accounts import Keyring
+from skyrelay.chain.claims import SUPPLY, ClaimClient
 from skyrelay.chain.client import IovClient, Role, Settings
 from skyrelay.chain.embedded.chain import EmbeddedChain, signing_members
 from skyrelay.chain.node.chain import NodeChain
@@ -20,6 +21,7 @@ from skyrelay.core.scenario import Chain as ChainConfig
 from skyrelay.core.scenario import Scenario
 from skyrelay.policy import Policy, builtin_policies
 from skyrelay.policy.signature import public_key, verify
+from skyrelay.protocol.claims import ClaimBook
 from skyrelay.protocol.model_card import chain_card
 from skyrelay.protocol.relay import Relay
 from skyrelay.protocol.rule import MARK, Decider, Rule
@@ -89,7 +91,7 @@ class Consortium:
         self.store: ModelStore = KuboStore(url) if url else LocalStore(folder / STORE)
         self.hangar = Hangar(scenario)
         self.chain, self._keyring = _open_chain(scenario.chain, folder)
-        self._submission = scenario.chain.submission
+        self._signs = scenario.chain.signs
         self._elsewhere = dict(elsewhere or {})
         self.administrator, self.coordinator, self.publisher, self.authority = map(self.account, PARTIES)
         self._standbys = [
@@ -97,8 +99,15 @@ class Consortium:
             for number in range(2, coordinators + 1)
             for role, party in ((Role.COORDINATOR, "coordinator"), (Role.REPUTATION, "reputation authority"))
         ]
-        settings = Settings.of(scenario.selection, channels=len(self._deciders[0].card.maps))
+        optimistic = scenario.chain.allocation == "optimistic"
+        settings = Settings.of(
+            scenario.selection,
+            channels=len(self._deciders[0].card.maps),
+            settling=3 * scenario.chain.challenge_window if optimistic else 0,
+        )
         self.client = IovClient.deploy(self.chain, settings, self.administrator)
+        self._claims = ClaimClient.deploy(self.client, self.administrator) if optimistic else None
+        self.book = None if self._claims is None else ClaimBook(self._claims)
 
     def account(self, name: str) -> str:
         """The address of a party or member."""
@@ -109,9 +118,9 @@ class Consortium:
     @property
     def relay(self) -> Relay | None:
         """The coordinator, where vehicles sign with keys that are here."""
-        if self._keyring is None or self._submission == "direct":
+        if self._keyring is None or not self._signs:
             return None
-        return Relay(self._keyring, self.coordinator)
+        return Relay(self._keyring, self.coordinator, once_a_round=self.book is not None)
 
     def parties(self) -> dict[str, str]:
         """Name and address of those with a role."""
@@ -135,6 +144,8 @@ class Consortium:
             *((role, self.account(name)) for role, name in self._standbys),
         ]
         client.execute([client.grant_role(self.administrator, role, account) for role, account in roles])
+        if self._claims is not None:
+            client.execute([self._claims.transfer(self.administrator, self.coordinator, SUPPLY)])
         calls = []
         for decider in self._deciders:
             cid = self.store.put(decider.content)
@@ -171,7 +182,7 @@ def chain_facts(chain: EmbeddedChain | NodeChain, contract: str) -> dict[str, An
 def _open_chain(config: ChainConfig, folder: Path) -> tuple[EmbeddedChain | NodeChain, Keyring | None]:
     """The chain, and the keys of this host's members; an embedded chain's have some where they sign."""
     if config.url is None:
-        return EmbeddedChain(folder / CHAIN), signing_members() if config.submission == "batch" else None
+        return EmbeddedChain(folder / CHAIN), signing_members() if config.signs else None
     keyring = Keyring.open(Path(config.keystore)) if config.keystore else Keyring.ephemeral()
     urls = [url.strip() for url in config.url.split(",")]
     root = TrustRoot.of(config.validators or ())

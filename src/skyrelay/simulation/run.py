@@ -12,6 +12,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from skyrelay.chain.abi import Event
+from skyrelay.chain.claims import IN_NO_LOG
 from skyrelay.chain.client import QOV_UNIT
 from skyrelay.core.entities import IntArray, UavTable, VehicleTable
 from skyrelay.core.files import write_text
@@ -107,7 +108,9 @@ def play(
     with Consortium(world.scenario, folder) as consortium:
         run = Run(world, consortium.account)
         agents = world_agents(world, consortium.account, consortium.hangar.load)
-        run.hosts = host = Host(agents, consortium.client, consortium.store, run.hear, relay=consortium.relay)
+        run.hosts = host = Host(
+            agents, consortium.client, consortium.store, run.hear, relay=consortium.relay, book=consortium.book
+        )
         progress.stage("Consortium and members", 1)
         founded = time.monotonic()
         consortium.found()
@@ -128,7 +131,7 @@ def world_agents(world: World, account: Callable[[str], str], load: Callable[[by
     scenario, fleet = world.scenario, world.fleet
     addresses = world.addresses(account)
     members, selection = world.members, scenario.selection
-    signs = scenario.chain.submission == "batch"
+    signs = scenario.chain.signs
     vehicles = zip(world.tracks.ids, members.demand.tolist(), members.payment.tolist(), strict=True)
     uavs = zip(fleet.ids, fleet.zone.tolist(), fleet.bandwidth.tolist(), strict=True)
     return [
@@ -323,8 +326,9 @@ class Run:
     # The record
 
     def hear(self, event: Event) -> None:
-        """Note an event of the contract."""
-        self.events.append((self.shown, event))
+        """Note an event of the contract, or one that a claim stands for, which is in no log."""
+        if event.index != IN_NO_LOG:
+            self.events.append((self.shown, event))
         self.history.hear(event, self.shown)
         if event.name == "UAVZoneUpdated":
             self._zones[self.uav_row[event.args["uav"]]] = event.args["to"]

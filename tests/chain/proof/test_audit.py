@@ -213,9 +213,13 @@ def test_a_folder_without_a_record_is_bad_input(tmp_path: Path, copy: Path) -> N
 # The reference: a contract that lied would be caught, though its chain is sound
 
 
+def nobody(event: Event) -> None:
+    """Of an event with no signature, and no claim."""
+
+
 def follow(events: Sequence[Event]) -> list[str]:
     """Differences when the events are taken as the chain's, whoever sent them."""
-    reference = ReferenceContract(lambda event: None, lambda block: 98 + block, lambda event: None)
+    reference = ReferenceContract(nobody, lambda block: 98 + block, nobody, nobody, ("0x", 1))
     reference.follow(events)
     return [str(difference) for difference in reference.differences]
 
@@ -303,7 +307,7 @@ def test_an_event_left_out_is_noticed_by_those_after_it(events: list[Event], nam
 
 
 def test_a_sender_without_the_right_is_named(events: list[Event]) -> None:
-    reference = ReferenceContract(lambda event: "0x" + "99" * 20, lambda block: 98 + block, lambda event: None)
+    reference = ReferenceContract(lambda event: "0x" + "99" * 20, lambda block: 98 + block, nobody, nobody, ("0x", 1))
     reference.follow(events)
     named = {difference.place.rsplit(": ", 1)[1] for difference in reference.differences}
     assert {"UAVRegistered", "VehSelectionSubmitted", "UAVAllocated", "ModelAssigned", "ReputationSet"} <= named

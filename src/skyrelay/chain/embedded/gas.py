@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 from skyrelay.chain.abi import contract
 from skyrelay.chain.accounts import Keyring
-from skyrelay.chain.chain import Call, Receipt
+from skyrelay.chain.chain import Call, Receipt, SentTransaction
+from skyrelay.chain.claims import ClaimClient, Part, Share, read_claim
 from skyrelay.chain.client import IovClient, ModelCard, Role, Settings, UavRecord, VehicleRecord
 from skyrelay.chain.embedded.chain import EmbeddedChain
 from skyrelay.chain.typed_data import Proposal, sign_proposal
@@ -34,6 +35,11 @@ CURVE = (1, 10, 50, 100, 200, 500, 1000)
 
 BATCHES = (20, 200)
 """Vehicles that sign in one period."""
+
+CLAIMED = (200, 1000)
+"""Vehicles in a claimed round."""
+_REPLAYED = 60
+"""Proposals to one UAV that are replayed to prove it wrong."""
 
 _TIME = 1_700_000_000
 _ZONE_UAVS = 20
@@ -96,12 +102,28 @@ class BatchPoint:
 
 
 @dataclass(frozen=True)
+class ClaimPoint:
+    """A round of a zone that its coordinator claims (OptimisticSelection), from the ninth period on.
+
+    Attributes:
+        vehicles: spread over 20 UAVs.
+        claimed: gas a vehicle, proposals, positions and allocation included.
+        calldata: of that, for the bytes of the transaction alone.
+    """
+
+    vehicles: int
+    claimed: int
+    calldata: int
+
+
+@dataclass(frozen=True)
 class GasReport:
     """Rows with a figure of the paper first, in its order."""
 
     rows: tuple[GasRow, ...]
     curve: tuple[CurvePoint, ...]
     batches: tuple[BatchPoint, ...]
+    claims: tuple[ClaimPoint, ...]
 
     def as_json(self) -> dict[str, object]:
         """What ``skyrelay chain gas --json`` prints and ``contracts/gas-snapshot.json`` holds."""
@@ -130,13 +152,22 @@ class GasReport:
                 {"vehicles": point.vehicles, "signed_each": point.signed, "allocated_each": point.allocated}
                 for point in self.batches
             ],
+            "claimed": [
+                {"vehicles": point.vehicles, "claimed_each": point.claimed, "calldata_each": point.calldata}
+                for point in self.claims
+            ],
         }
 
 
 def differences(found: dict[str, object], expected: dict[str, object]) -> list[str]:
     """What two reports (`GasReport.as_json`) do not have in common, a line each."""
     lines: list[str] = []
-    for part, names in (("rows", ("function", "case")), ("allocate_zone", ("proposals",)), ("signed", ("vehicles",))):
+    for part, names in (
+        ("rows", ("function", "case")),
+        ("allocate_zone", ("proposals",)),
+        ("signed", ("vehicles",)),
+        ("claimed", ("vehicles",)),
+    ):
         old, new = (
             {tuple(entry[name] for name in names): entry for entry in report[part]}  # type: ignore[attr-defined]
             for report in (expected, found)
@@ -163,7 +194,9 @@ def measure(curve: Sequence[int] = CURVE) -> GasReport:
         session.paper_functions()
         session.other_functions()
         points = tuple(session.curve(curve))
-        return GasReport(tuple(session.rows), points, tuple(session.batches(BATCHES)))
+        batches = tuple(session.batches(BATCHES))
+    rows, claims = _claims(CLAIMED)
+    return GasReport((*session.rows, *rows), points, batches, claims)
 
 
 class _Session:
@@ -357,3 +390,57 @@ class _Session:
     def _now(self) -> int:
         self.time += 1
         return self.time
+
+
+def _claims(numbers: Sequence[int]) -> tuple[list[GasRow], tuple[ClaimPoint, ...]]:
+    """What rounds cost that are claimed, and a proof that one is wrong, on a chain of their own."""
+    zone, keyring = 1, Keyring(b"gas of claimed proposals".ljust(32, b"."))
+    with EmbeddedChain(timestamp=_TIME) as chain:
+        admin = chain.account("admin")
+        client = IovClient.deploy(chain, Settings(settling=3), admin)
+        claims = ClaimClient.deploy(client, admin)
+        created = chain.blocks[-2].gas_used
+        client.execute([client.grant_role(admin, Role.COORDINATOR, admin)])
+        uavs = sorted(chain.account(f"uav {i}") for i in range(_ZONE_UAVS))
+        client.execute([client.register_uav(u, UavRecord(1501.0, 100.5, 100, 90.5, 20_000, zone)) for u in uavs])
+        vehicles = [keyring.account(f"vehicle {i}") for i in range(max(numbers))]
+        client.execute([client.register_vehicle(v, VehicleRecord(1400.0, 90.5, 1, 0)) for v in vehicles])
+
+        def share(uav: str, round_: int, count: int) -> Share:
+            """A UAV's, of its next vehicles: the nearest eight are served; of those replayed, one too many."""
+            here = [vehicles.pop() for _ in range(count)]
+            proposals = [Proposal(uav, zone, round_, 14_000 - i, 905, 350, 2_500, 0) for i in range(count)]
+            signed = [
+                sign_proposal(keyring, vehicle, one, client.address, chain.chain_id)
+                for vehicle, one in zip(here, proposals, strict=True)
+            ]
+            vehicles[:0] = here
+            served = [*range(min(count, 8)), *([count - 1] if count == _REPLAYED else [])]
+            return Share(uav, sum(1 << place for place in served), 0, tuple(signed))
+
+        def claim(counts: Sequence[int]) -> tuple[Call, int]:
+            info = client.zone_info(zone)
+            assert info is not None  # noqa: S101  (UAVs are in it)
+            shares = [share(uav, info.round, count) for uav, count in zip(uavs, counts, strict=False)]
+            call = claims.claim(admin, zone, info.round, chain.block_number, shares)
+            return call, client.execute([call])[0].gas_used
+
+        points = []
+        for count in (*[1] * 8, *numbers):  # the first eight fill the places that later periods use again
+            call, gas = claim([1] if count == 1 else [count // _ZONE_UAVS] * _ZONE_UAVS)
+            calldata = sum(16 if byte else 4 for byte in call.data)
+            points.append(ClaimPoint(count, gas // count, calldata // count))
+            client.execute([client.reset_lists_for_zone(admin, zone)])
+        wrong, _ = claim([_REPLAYED])
+        events = client.events()
+        shown = read_claim(SentTransaction(admin, 0, wrong.to, wrong.data))
+        assert shown is not None  # noqa: S101  (it was built above)
+        part = Part(uavs[0], (claims.shown(shown, uavs[0], events),))
+        info = client.zone_info(zone)
+        assert info is not None  # noqa: S101
+        proof = client.execute([claims.challenge(admin, zone, info.period, part)])[0].gas_used
+    rows = [
+        GasRow("deployment of OptimisticSelection", "where claims are wanted", created),
+        GasRow("challenge", f"one UAV of {_REPLAYED} proposals", proof),
+    ]
+    return rows, tuple(points[8:])

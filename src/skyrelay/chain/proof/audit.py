@@ -18,11 +18,12 @@ from typing import Any
 from skyrelay.chain import evm
 from skyrelay.chain.abi import Event, contract
 from skyrelay.chain.chain import LogEntry, SentTransaction
+from skyrelay.chain.claims import read_claim
 from skyrelay.chain.client import IovClient
 from skyrelay.chain.embedded.ledger import FILE_NAME, Block
-from skyrelay.chain.genuine import genuine_code, require_genuine
+from skyrelay.chain.genuine import creates_claims, genuine_code, require_genuine
 from skyrelay.chain.node.chain import NodeChain
-from skyrelay.chain.proof.reference import ReferenceContract
+from skyrelay.chain.proof.reference import SETTLER, ReferenceContract
 from skyrelay.chain.proof.replay import Difference, replay
 from skyrelay.chain.proof.root import TrustRoot
 from skyrelay.chain.proof.sealed import SealedBlocks
@@ -53,6 +54,7 @@ class AuditReport:
         given: what nothing here can confirm, by name: the reader compares it with a source of their own.
         unchecked: what was not compared with anything, in words.
         events: of the contract, as the chain has them.
+        told: these, and before the claims' those that they stand for.
         gas: of each transaction to the contract after its founding, on the embedded chain.
         timestamps: of the embedded chain's blocks [s], by number.
     """
@@ -63,6 +65,7 @@ class AuditReport:
     given: dict[str, str] = field(default_factory=dict)
     unchecked: list[str] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
+    told: list[Event] = field(default_factory=list)
     gas: list[int] = field(default_factory=list)
     timestamps: dict[int, int] = field(default_factory=dict)
 
@@ -119,6 +122,7 @@ def audit_run(folder: Path, progress: Progress = in_silence, *, head: str | None
     }
     times = report.timestamps = {block.number: block.timestamp for block in done.blocks}
     events = report.events = _follow(logs, transactions, times, address, done.chain_id, report)
+    _check_claims_contracts(address, transactions, events, report)
     report.gas = _gas(done.blocks, address, events)
     progress("comparing the tables")
     _compare_events(folder, events, report)
@@ -154,6 +158,8 @@ def audit_node(
     events = report.events = _follow(
         blocks.logs, blocks.transactions, blocks.times, client.address, chain.chain_id, report
     )
+    if any(event.name == "RoleGranted" and event.args["role"] == SETTLER for event in events):
+        report.unchecked.append("the code of the contract of claims: every claim is worked out again, bonds are not")
     for event in [event for event in events if event.name == "Deployed"][:1]:
         helper = event.args["extension"].lower()
         creation = blocks.transactions[event.block, event.transaction]
@@ -191,11 +197,38 @@ def _follow(
         except ChainError as error:
             report.differences.append(Difference(error.place, str(error.value), error.expected))
     signatures = Signatures(address, chain_id, lambda event: transactions[event.block, event.transaction].data)
-    reference = ReferenceContract(sender_of, lambda block: times[block], signatures.signer_of)
+    reference = ReferenceContract(
+        sender_of,
+        lambda block: times[block],
+        signatures.signer_of,
+        lambda event: read_claim(transactions[event.block, event.transaction]),
+        (address, chain_id),
+    )
     reference.follow(events)
+    report.told = reference.told
     report.checked.update(reference.checked)
     report.differences += reference.differences
     return events
+
+
+def _check_claims_contracts(
+    address: str, transactions: Mapping[tuple[int, int], SentTransaction], events: Sequence[Event], report: AuditReport
+) -> None:
+    """Whoever may settle a zone by claims is this version's contract for that."""
+    founded = {(event.block, event.transaction) for event in events if event.name == "Deployed"}
+    for event in events:
+        if event.name == "RoleGranted" and event.args["role"] == SETTLER:
+            account = event.args["account"]
+            found = any(
+                creates_claims(sent, account, address, transactions[place])
+                for sent in transactions.values()
+                if sent.to is None
+                for place in founded
+            )
+            report.checked["contracts of claims"] += 1
+            if not found:
+                expected = "this version's contract of claims, with the rules of this SkyRelay"
+                report.differences.append(Difference(f"block {event.block}: settler", account, expected))
 
 
 def _gas(blocks: Sequence[Block], address: str, events: Sequence[Event]) -> list[int]:
@@ -203,11 +236,12 @@ def _gas(blocks: Sequence[Block], address: str, events: Sequence[Event]) -> list
     founding = {
         (event.block, event.transaction) for event in events if event.name in ("RoleGranted", "ModelRegistered")
     }
+    claims = {(event.block, event.transaction) for event in events if event.name == "ZoneAllocated"}
     return [
         receipt.gas_used
         for block in blocks
         for index, (transaction, receipt) in enumerate(zip(block.transactions, block.receipts, strict=True))
-        if transaction.to == address and (block.number, index) not in founding
+        if (transaction.to == address or (block.number, index) in claims) and (block.number, index) not in founding
     ]
 
 

@@ -16,6 +16,8 @@ from eth_abi.abi import encode
 from eth_hash.auto import keccak
 
 from skyrelay.chain.abi import Event
+from skyrelay.chain.claims import Claim
+from skyrelay.chain.proof.claimed import ClaimCheck, ClaimedZone
 from skyrelay.chain.proof.replay import Difference
 from skyrelay.core.errors import SelectionError
 from skyrelay.selection.fixed_point import (
@@ -32,12 +34,14 @@ COORDINATOR = "0x" + keccak(b"COORDINATOR_ROLE").hex()
 PUBLISHER = "0x" + keccak(b"PUBLISHER_ROLE").hex()
 REPUTATION = "0x" + keccak(b"REPUTATION_ROLE").hex()
 REGISTRAR = "0x" + keccak(b"REGISTRAR_ROLE").hex()
+SETTLER = "0x" + keccak(b"SETTLER_ROLE").hex()
 _ROLES = {
     ADMIN: "administrator",
     COORDINATOR: "coordinator",
     PUBLISHER: "publisher",
     REPUTATION: "reputation authority",
     REGISTRAR: "registrar",
+    SETTLER: "contract that takes claims",
 }
 
 _UAV, _VEHICLE = 1, 2
@@ -93,6 +97,10 @@ class _Uav:
     written: int
     zone: int = 0
     suspended: bool = False
+    past: tuple[int, int] = (0, 0)
+    """The block in which the reputation last changed, and what it was before."""
+    suspended_in: int = 0
+    """The block of the last suspension or its end."""
     session: _Session = field(default_factory=lambda: _Session(1))
     finished: _Session | None = None
     """The last one that served somebody, before the session."""
@@ -106,6 +114,8 @@ class _Vehicle:
     zone: int
     reputation: int
     suspended: bool = False
+    past: tuple[int, int] = (0, 0)
+    suspended_in: int = 0
     proposal: tuple[str, int, int] | None = None
     """UAV, session and index of the latest one."""
 
@@ -121,6 +131,10 @@ class _Zone:
     has_model: bool = False
     suspended: bool = False
     uavs: set[str] = field(default_factory=set)
+    claimed: ClaimedZone | None = None
+    """Claims decide the period."""
+    wrong: list[Difference] = field(default_factory=list)
+    """Of these claims."""
 
 
 @dataclass
@@ -136,8 +150,11 @@ class ReferenceContract:
         sender_of: who sent the transaction of an event to the contract; None where another contract called it.
         time_of: the time of a block [s].
         signer_of: who signed the proposal that an event tells of and somebody else handed in; None: nobody did.
+        claim_of: the claim in the transaction of an event ZoneAllocated; None where it is none.
+        identity: address and chain id of the contract.
 
     Attributes:
+        told: the events, and before the claims' those that they stand for.
         checked: how many of each thing were compared.
         differences: every disagreement.
     """
@@ -147,7 +164,11 @@ class ReferenceContract:
         sender_of: Callable[[Event], str | None],
         time_of: Callable[[int], int],
         signer_of: Callable[[Event], str | None],
+        claim_of: Callable[[Event], Claim | None],
+        identity: tuple[str, int],
     ) -> None:
+        self.told: list[Event] = []
+        self._claim_of, self._identity = claim_of, identity
         self.checked: Counter[str] = Counter()
         self.differences: list[Difference] = []
         self._sender_of = sender_of
@@ -179,6 +200,9 @@ class ReferenceContract:
             self.checked["events"] += 1
             self._now = self._time_of(event.block)
             self._expect_suspension(event)
+            if event.name == "ZoneAllocated" and (claim := self._claim_of(event)) is not None:
+                self._follow_claim(event, claim)
+            self.told.append(event)
             check = getattr(self, f"_on_{event.name}", None)
             if check is None:
                 self._differs("not known to the audit", "an event of this version")
@@ -287,6 +311,7 @@ class ReferenceContract:
         self._expect("zone of the vehicle", vehicle.zone, args["zone"])
         self._expect("round", args["round"], zone.round)
         self._expect("zone under allocation", zone.allocating, False)
+        self._expect("zone decided by claims", zone.claimed is not None, False)
         self._expect("zone suspended", zone.suspended, False)
         self._expect("vehicle or UAV suspended", vehicle.suspended or uav.suspended, False)
         self._require("battery of the UAV", uav.battery, uav.battery > 0, "more than 0")
@@ -401,10 +426,44 @@ class ReferenceContract:
             uav = self._uavs[name]
             if self._current(uav):
                 self._expect(f"decided proposals of {name}", uav.session.decided, len(uav.session.proposals))
+        before = len(self.differences)
         self._expect_selected(args["zone"], args)
+        if zone.claimed is not None:
+            zone.wrong += self.differences[before:]
         zone.allocating = zone.waiting = False
         zone.round, zone.since = args["round"] + 1, self._now
         self.checked["allocations of zones"] += 1
+
+    def _follow_claim(self, event: Event, claim: Claim) -> None:
+        """Check what a zone's coordinator claims of a round, and go on from it."""
+        assert self._fixed is not None  # noqa: S101  (as above)
+        zone = self._zones[event.args["zone"]]
+        self._has_role(claim.contract, SETTLER)
+        own = self._coordinators.get(claim.zone, _NOBODY)
+        if own == _NOBODY:
+            self._has_role(claim.sender, COORDINATOR)
+        else:
+            self._expect("sender", claim.sender, own)
+        self._expect("zone", claim.zone, event.args["zone"])
+        self._expect("round", claim.round, zone.round)
+        self._expect("zone suspended, or with proposals", zone.suspended or zone.waiting, False)
+        if zone.claimed is None:
+            zone.claimed = ClaimedZone(claim.as_of, claim.sender)
+        check = ClaimCheck(*self._identity, self._fixed, self._rules, self._uavs.get, self._vehicles.get, self._expect)
+        before = len(self.differences)
+        self.told += check.follow(claim, zone.claimed, event)
+        zone.wrong += self.differences[before:]
+        self.checked["claims"] += 1
+        self.checked["proposals by signature"] += sum(len(share.proposals) for share in claim.shares)
+
+    def _on_ZoneUnsettled(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: ARG002, N802
+        """A claim was proved wrong, so that what is wrong with it does no harm any more."""
+        zone = self._zones[args["zone"]]
+        self._expect("period", args["period"], zone.period)
+        self._require("claims", "none", zone.claimed is not None, "some to void")
+        self.differences = [one for one in self.differences if one not in zone.wrong]
+        zone.claimed, zone.wrong, zone.has_model = None, [], False
+        self.checked["claims proved wrong"] += 1
 
     def _on_ZoneListsReset(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
         zone = self._zones[args["zone"]]
@@ -416,6 +475,7 @@ class ReferenceContract:
         self._expect("period", args["period"], zone.period + 1)
         self._expect("round", args["round"], zone.round + 1)
         zone.period, zone.round, zone.has_model = args["period"], args["round"], False
+        zone.claimed, zone.wrong = None, []
         zone.since = zone.begun = self._now
         self.checked["resets of zones"] += 1
 
@@ -474,7 +534,7 @@ class ReferenceContract:
     def _on_ReputationSet(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
         self._by_role(event, REPUTATION)
         self._require_at_most("reputation", args["reputation"], 10_000)
-        self._member(args["member"]).reputation = args["reputation"]
+        self._note_reputation(event, self._member(args["member"]), args["reputation"])
         self.checked["reputations"] += 1
 
     def _on_MemberRated(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
@@ -485,8 +545,14 @@ class ReferenceContract:
         self._require("rating", "given", step > 0, "none, ratings are off")
         moved = min(member.reputation + step, 10_000) if args["good"] else max(member.reputation - step, 0)
         self._expect("reputation", args["reputation"], moved)
-        member.reputation = args["reputation"]
+        self._note_reputation(event, member, args["reputation"])
         self.checked["ratings"] += 1
+
+    def _note_reputation(self, event: Event, member: _Uav | _Vehicle, reputation: int) -> None:
+        settling = self._rules["settling"]
+        early = settling > 0 and member.past[0] > 0 and event.block <= member.past[0] + settling
+        self._expect("reputation changed too soon again", early, False)
+        member.past, member.reputation = (event.block, member.reputation), reputation
 
     def _on_MemberAdmitted(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: ARG002, N802
         self._expect("admission", self._rules["admission"], True)
@@ -505,7 +571,7 @@ class ReferenceContract:
         else:
             status = self._status(member)
             self._require("proposal", status, status in ("none", "rejected"), "withdrawn before")
-        member.suspended = args["suspended"]
+        member.suspended, member.suspended_in = args["suspended"], event.block
         self.checked["suspensions"] += 1
 
     def _on_ZoneSuspended(self, event: Event, args: Mapping[str, Any]) -> None:  # noqa: N802
@@ -608,7 +674,9 @@ class ReferenceContract:
     def _expect_selected(self, number: int, args: Mapping[str, Any]) -> tuple[int, int]:
         """Compare an event's numbers of selected UAVs and vehicles with the zone's."""
         sessions = [self._uavs[name].session for name in self._zones[number].uavs if self._current(self._uavs[name])]
-        uavs, vehicles = sum(bool(s.selected) for s in sessions), sum(len(s.selected) for s in sessions)
+        claimed = self._zones[number].claimed
+        counts = [len(s.selected) for s in sessions if s.selected] + (claimed.selected if claimed is not None else [])
+        uavs, vehicles = len(counts), sum(counts)
         self._expect("selected UAVs", args["selectedUAVs"], uavs)
         self._expect("selected vehicles", args["selectedVehicles"], vehicles)
         return uavs, vehicles
