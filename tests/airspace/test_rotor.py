@@ -51,6 +51,12 @@ def test_a_run_flies_by_the_scenario_s_model():
     assert load_scenario("bologna", ("energy.model=rotary-wing",)).energy.hover_per_minute == 4.0
 
 
+def test_what_is_on_board_takes_its_power_whether_a_uav_moves_or_not():
+    rotary = law("energy.model=rotary-wing", "energy.battery=100", "fleet.speed=10", "energy.payload=30").energy
+    assert rotary.hover_per_minute == pytest.approx(198.48 / 60, abs=1e-3)
+    assert rotary.move_per_minute == pytest.approx(156.03 / 60, abs=1e-3)
+
+
 @pytest.mark.parametrize("wrong", ["energy.model=fixed-wing", "energy.battery=0", "energy.battery=nan"])
 def test_a_wrong_battery_or_model_is_one_line(wrong):
     with pytest.raises(ScenarioError, match=wrong.partition("=")[0]):

@@ -54,7 +54,7 @@ def told(books, name, **args):
 def test_the_plan_stays_until_all_have_gone():
     books = Books()
     for uav, x in (("a", 10), ("b", 900)):
-        told(books, "UAVRegistered", uav=uav, x=x, y=500, bandwidth=10000)
+        told(books, "UAVRegistered", uav=uav, x=x, y=500, bandwidth=10000, battery=9000)
         told(books, "UAVZoneUpdated", uav=uav, **{"from": 0, "to": 1})
     told(books, "VehSelectionSubmitted", vehicle="v", demand=3000)
     told(books, "VehicleUpdated", vehicle="v", zone=2)
@@ -67,7 +67,7 @@ def test_the_plan_stays_until_all_have_gone():
 
 def test_nobody_moves_before_anything_was_asked_for():
     books = Books()
-    told(books, "UAVRegistered", uav="a", x=10, y=500, bandwidth=10000)
+    told(books, "UAVRegistered", uav="a", x=10, y=500, bandwidth=10000, battery=9000)
     told(books, "UAVZoneUpdated", uav="a", **{"from": 0, "to": 1})
     told(books, "VehicleRegistered", vehicle="v", zone=2)
     assert books.moves(GRID, 10.0) == {}

@@ -139,7 +139,7 @@ export class Member {
       let before = -1;
       for (let step = history.first; step <= history.last; step++) {
         const state = run.fleet("", step).state[index] ?? 0;
-        if (state !== before) add(step, state >= 2 ? "selected" : state ? "idle" : "landed");
+        if (state !== before) add(step, state >= 2 ? "selected" : state ? "idle" : run.places ? "away to be charged" : "landed");
         before = state;
       }
     }
@@ -177,7 +177,8 @@ export function facts(run, scene, { kind, index }, mode) {
   const { uavs, vehicles } = scene;
   const flown = mode === ""; // batteries and proposals are those of the flying fleet
   if (kind === "uav") {
-    if (!(uavs.state[index] & 1)) return ["has landed"];
+    if (!(uavs.state[index] & 1))
+      return flown && run.places ? ["is away to be charged", `battery ${number(uavs.battery[index], 1)} %`] : ["has landed"];
     const lines = [`zone ${uavs.zone[index]}, ` + (uavs.state[index] >= 2 ? `serves ${uavs.serves[index]}, ${uavs.covers[index]} of them in range` : "idle")];
     if (flown) lines.push(`battery ${number(uavs.battery[index], 1)} %`);
     if (uavs.age && Number.isFinite(uavs.age[index])) lines.push(`heard of ${number(uavs.age[index], 1)} s ago`);
@@ -188,7 +189,7 @@ export function facts(run, scene, { kind, index }, mode) {
   const lines = [];
   const uav = vehicles.uav[k];
   if (uav < 0) lines.push("not served");
-  else if (!(uavs.state[uav] & 1)) lines.push(`served by ${run.uavs[uav]}, which has landed`);
+  else if (!(uavs.state[uav] & 1)) lines.push(`served by ${run.uavs[uav]}, which ${flown && run.places ? "is away to be charged" : "has landed"}`);
   else {
     const distance = Math.round(Math.hypot(uavs.x[uav] - vehicles.x[k], uavs.y[uav] - vehicles.y[k]));
     lines.push(`served by ${run.uavs[uav]}, ${distance} m away${vehicles.covered[k] ? "" : ": out of range"}`);

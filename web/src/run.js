@@ -184,6 +184,7 @@ export class LiveRun extends Run {
     });
     const shifted = (line) => line.map((value, i) => value - (i % 2 ? y0 : x0));
     this.buildings = header.buildings.map(([corners, height]) => ({ corners: shifted(corners), height }));
+    this.places = header.places;
     this.charging = header.charging.map(([x, y, radius]) => [x - x0, y - y0, radius]);
     this.streets = header.streets.map((line) => Float32Array.from(shifted(line)));
     this.metrics = new Map();

@@ -7,17 +7,20 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from skyrelay.airspace.charge import Cost
+from skyrelay.airspace.charging import Places, steps_of
 from skyrelay.airspace.flight import ACTIONS, move
 from skyrelay.airspace.guard import keep_apart
 from skyrelay.airspace.network import Network
 from skyrelay.airspace.rotor import rated
-from skyrelay.core.entities import FloatArray
-from skyrelay.core.resolved import ResolvedScenario
+from skyrelay.core.entities import FloatArray, IntArray
+from skyrelay.core.resolved import ResolvedScenario, charging_points
 from skyrelay.core.scenario import Energy
 from skyrelay.core.zones import ZoneGrid
 
 SEPARATION = 30.0
 """What UAVs keep where nothing else is said and the radio is no disc [m]."""
+LATE = 1
+"""Steps that the way to a charging point may begin late: a host may miss one."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,10 @@ class Law:
         patience: beyond this age a beacon no longer counts [s].
         network: what links carry; by default the paper's disc without gateways.
         separation: least distance that UAVs of a zone keep [m].
+        places: where UAVs land to be charged; empty where there are none.
+        rotates: whether they go there by one plan, and not each when it must.
+        dispatch: whether they go where bandwidth lacks, between two periods.
+        period_steps: between two selections.
     """
 
     grid: ZoneGrid
@@ -46,6 +53,10 @@ class Law:
     patience: float
     network: Network = field(default_factory=Network)
     separation: float = 0.0
+    places: Places = field(default_factory=Places)
+    rotates: bool = False
+    dispatch: bool = False
+    period_steps: int = 1
 
     @classmethod
     def of(cls, scenario: ResolvedScenario, grid: ZoneGrid) -> Law:
@@ -67,6 +78,10 @@ class Law:
             patience=coordination.patience,
             network=Network.of(scenario, fleet.range, sides),
             separation=_separation(scenario),
+            places=Places.of(charging_points(scenario, grid), scenario.energy.battery, coordination.step_seconds),
+            rotates=scenario.energy.rotation == "rotate",
+            dispatch=coordination.dispatch,
+            period_steps=coordination.period_steps,
         )
 
     @property
@@ -84,6 +99,31 @@ class Law:
         """How far a battery [0-100] still carries a UAV [m]: at the reserve it has to leave."""
         minutes = max(battery - self.energy.reserve, 0.0) / max(self.energy.move_per_minute, 1e-9)
         return minutes * 60.0 / self.seconds * self.stride
+
+    @property
+    def worst(self) -> float:
+        """The most that a step can take [% of the battery]."""
+        return float(max(self.cost.hover, self.cost.move))
+
+    def way_home(self, places: FloatArray) -> tuple[IntArray, FloatArray]:
+        """[U] the charging point that UAVs at [U, 2] go to, and the steps of the straight way there."""
+        which, away = self.places.nearest(places)
+        return which, steps_of(away, self.stride)
+
+    def must_charge(self, battery: float, place: tuple[float, float], spare: float = 0.0) -> bool:
+        """Whether a UAV has to set out to its charging point now: after another step, it might come there too low.
+
+        Who heeds this never comes below the reserve: the next step takes at most `worst`, and leads at most a stride
+        away.
+
+        Args:
+            battery: [%].
+            place: where it is [m].
+            spare: steps of flight that shall be left beyond.
+        """
+        _, away = self.places.nearest(np.array([place]))
+        back = float(steps_of(away + self.stride, self.stride)[0]) + LATE + spare
+        return bool(battery - self.worst - back * self.cost.move < self.energy.reserve)
 
     def fence(self, zone: int, place: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Corners [2] of where a UAV at a place [2] may fly: the zone, and what lies between it and the UAV [m]."""

@@ -68,5 +68,6 @@ def rated(energy: Energy, speed: float) -> Energy:
     """A scenario's energy with what hovering and moving at a speed [m/s] cost, by its model."""
     if energy.model == "linear":
         return energy
-    hover, move = per_minute(Rotor().power(np.array([0.0, speed])), energy.battery).tolist()
+    power = Rotor().power(np.array([0.0, speed])) + energy.payload
+    hover, move = per_minute(power, energy.battery).tolist()
     return energy.model_copy(update={"hover_per_minute": hover, "move_per_minute": move})

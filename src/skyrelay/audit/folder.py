@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from skyrelay.airspace.law import Law
-from skyrelay.audit.measures import check_metrics, check_summary
+from skyrelay.audit.measures import check_charging, check_metrics, check_summary
 from skyrelay.audit.tables import Compared, check_accounts, check_flight, check_periods, one_demand_each
 from skyrelay.chain.abi import Event
 from skyrelay.chain.accounts import signer
@@ -83,8 +83,10 @@ def audit_folder(folder: Path, progress: Progress = in_silence, *, head: str | N
         "gas_used": sum(report.gas),
         "model_cids": sorted(str(Cid.from_bytes(told.cids[one], "chain")) for one in told.models if one in told.cids),
     }
-    tables = {"proposals": run.proposals, "metrics": run.metrics, "vehicles": run.vehicles}
-    check_summary(compared, summary, told, tables, mined)
+    tables = {name: getattr(run, name) for name in ("proposals", "metrics", "vehicles", "uavs", "charging")}
+    if law.places:
+        check_charging(compared, run.charging, run.uavs, law)
+    check_summary(compared, summary, told, tables, mined, law)
     progress("hashing the stored policies and drawing the page again")
     _check_store(compared, run, told.cids.values())
     _check_page(compared, run)

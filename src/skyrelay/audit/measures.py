@@ -15,7 +15,7 @@ from skyrelay.airspace.law import Law
 from skyrelay.audit.tables import Compared, Table
 from skyrelay.chain.client import QOV_UNIT
 from skyrelay.protocol.history import History
-from skyrelay.runfolder.figures import over_the_run
+from skyrelay.runfolder.figures import over_charging, over_the_run
 from skyrelay.runfolder.schema import Summary
 
 Floats = npt.NDArray[np.float64]
@@ -223,13 +223,56 @@ def _check_links(compared: Compared, metrics: Table, row: int, fleet: _Fleet, re
             compared.differs("metrics.parquet", f"step {step}, zone {zone}: {column}", metrics[column][row], low)
 
 
+def check_charging(compared: Compared, charging: Table, uavs: Table, law: Law) -> None:
+    """A row for each UAV without a zone, with its battery of the table of UAVs; no point charges more than it can.
+
+    Args:
+        law: of an area with charging places.
+    """
+    file = "charging.parquet"
+    compared.count(f"rows of {file}", len(charging["step"]))
+    away = uavs["zone"] == 0
+    columns = (uavs["step"][away].tolist(), uavs["uav"][away], uavs["battery"][away].tolist())
+    known = {(step, uav): battery for step, uav, battery in zip(*columns, strict=True)}
+    used: Counter[tuple[int, str]] = Counter()
+    places = dict(zip(law.places.names, law.places.places.tolist(), strict=True))
+    for step, uav, point, state, battery in zip(
+        charging["step"].tolist(),
+        charging["uav"],
+        charging["point"],
+        charging["state"],
+        charging["battery"].tolist(),
+        strict=True,
+    ):
+        at = f"step {step}, UAV {uav}"
+        found = known.pop((step, uav), None)
+        if found is None:
+            compared.differs(file, at, state, "one row, of a UAV without a zone")
+        elif not abs(found - battery) <= ROUNDING:
+            compared.differs(file, f"{at}: battery", battery, found)
+        if point not in places:
+            compared.differs(file, f"{at}: point", point, f"one of {', '.join(places)}")
+        used[step, point] += state == "charging"
+    for (step, point), count in used.items():
+        if count > places.get(point, count):
+            compared.differs(file, f"step {step}, {point}", f"{count} charge", f"at most {places[point]}")
+    for step, uav in known:
+        compared.differs(file, f"step {step}, UAV {uav}", "no row", "where a UAV without a zone is charged")
+
+
 def check_summary(
-    compared: Compared, summary: Summary, told: History, tables: Mapping[str, Table], mined: Mapping[str, object]
+    compared: Compared,
+    summary: Summary,
+    told: History,
+    tables: Mapping[str, Table],
+    mined: Mapping[str, object],
+    law: Law,
 ) -> None:
     """Every figure of the summary that follows from the chain, the tables or the scenario.
 
     Args:
         mined: counts and addresses that the chain gives, by key.
+        law: of the area.
     """
     proposals = [row for period in told.periods for row in period.proposals if row["accepted"]]
     members = [set(period.members) for period in told.periods]
@@ -247,6 +290,11 @@ def check_summary(
         **over_the_run(tables["metrics"], tables["vehicles"]),
         **mined,
     }
+    if law.places:
+        away = tables["charging"]
+        fallen = (away["step"] == summary.steps) & (away["state"] == "under way") & (away["battery"] <= 0.0)
+        expected["uavs_retired"] = int(fallen.sum())
+        expected |= over_charging(tables["charging"], tables["uavs"], summary.step_seconds)
     for key, value in expected.items():
         compared.count("summary entries")
         found = getattr(summary, key)

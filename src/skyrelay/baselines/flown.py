@@ -18,6 +18,7 @@ from jaxtyping import PRNGKeyArray
 
 from skyrelay.airspace.sight import Sight
 from skyrelay.baselines.catalogue import baseline
+from skyrelay.baselines.centroid import Centroid
 from skyrelay.baselines.player import Memory, Player
 from skyrelay.baselines.recharge import Recharge
 from skyrelay.coordination import game
@@ -29,6 +30,7 @@ from skyrelay.core.errors import ModelError
 
 MOST_UAVS, MOST_VEHICLES = 16, 255
 """Rows of a game; of more, the nearest count."""
+LINKED = Centroid(linked=True)
 STEPS = 100_000
 """A run has no time limit that a rule should know."""
 
@@ -53,18 +55,25 @@ class FlownPlayer:
         Raises:
             ModelError: the rule is about charging, and there is nowhere to charge.
         """
-        if isinstance(self._player, Recharge) and sight.law.charger(sight.zone) is None:
-            raise ModelError("coordination.policy", "recharge", "charging points: energy.charge_per_minute above 0")
+        player = self._player
+        if isinstance(player, Recharge) and sight.law.charger(sight.zone) is None:
+            if not sight.law.places:
+                raise ModelError(
+                    "coordination.policy",
+                    "recharge",
+                    "charging points: energy.charge_per_minute above 0, energy.places or [[charging]]",
+                )
+            player = LINKED  # who goes to a place on the ground, and when, is the UAV's own matter (`RECHARGE`)
         state = _state(sight, self._key)
         kept = self._games.get(sight.uav)
         if sight.decisions == 0 or kept is None or kept[0] != state.shape:
             self._begun[sight.uav] += 1
-            memory = _begin(self._player, self._own_key(sight.uav), state)
+            memory = _begin(player, self._own_key(sight.uav), state)
         else:
             memory = kept[1]
-            if self._player.period and sight.decisions % self._player.period == 0:
-                memory = _plan(self._player, state, memory)
-        action, memory = _act(self._player, state, memory)
+            if player.period and sight.decisions % player.period == 0:
+                memory = _plan(player, state, memory)
+        action, memory = _act(player, state, memory)
         self._games[sight.uav] = state.shape, memory
         return int(action)
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from skyrelay.airspace.charging import RECHARGE
 from skyrelay.airspace.flight import STAY
 from skyrelay.baselines.centroid import centroids, linked_towards
 from skyrelay.baselines.player import Player, squared, towards
 from skyrelay.coordination import game
 from skyrelay.core.errors import UsageError
 
-SPARE_STEPS = 5.0
+SPARE_STEPS = RECHARGE.spare
 """Of flight that must be left beyond the way to the charging point."""
-ENOUGH = 0.5
-"""Charge at which a UAV leaves the charging point. (0.3 and 0.9 are no better: -10.5 and -10.6 instead of -10.1 with 3
-UAVs, 20 vehicles, 200 episodes of seed 7.)"""
+ENOUGH = RECHARGE.enough / 100.0
+"""Charge at which a UAV leaves the charging point."""
 
 
 class Recharge(Player):

@@ -53,10 +53,13 @@ def command(
     tables = {name: read_rows(run_dir, name) for name in ("proposals", "candidates", "fleet", "members")}
     steps = read_rows(run_dir, "vehicles", vehicle=vehicle)
     told = explain(**tables, steps=steps, vehicle=vehicle, period_steps=period_steps, period=period)
+    served_by = told.served_by
+    charging = read_rows(run_dir, "charging", uav=served_by) if served_by is not None else []
+    away = sum((row["step"] - 1) // period_steps == told.period for row in charging)
     if as_json:
-        print_result(asdict(told) | {"reason": reason(told, settings), "had": had(told)}, as_json=True)
+        print_result(asdict(told) | {"reason": reason(told, settings), "had": had(told, away)}, as_json=True)
     else:
-        typer.echo(to_text(told, settings))
+        typer.echo(to_text(told, settings, away))
 
 
 def print_ids(members: Rows, proposals: Rows, period: int | None, as_json: bool) -> None:
@@ -77,12 +80,12 @@ def print_ids(members: Rows, proposals: Rows, period: int | None, as_json: bool)
         typer.echo(f"{vehicle}  served in {count['served']} of {_counted(count['periods'], 'period')}")
 
 
-def to_text(told: Explanation, settings: Settings) -> str:
-    """An explanation for people, in lines."""
+def to_text(told: Explanation, settings: Settings, away: int = 0) -> str:
+    """An explanation for people, in lines; arguments as `had`."""
     lines = [
         f"Vehicle {told.vehicle}, period {told.period}, zone {told.zone}, asks {_mbps(told.demand)}",
         reason(told, settings),
-        had(told),
+        had(told, away),
         "",
         "Candidates by QoU:" if told.candidates else "No candidates.",
     ]
@@ -133,14 +136,20 @@ def reason(told: Explanation, settings: Settings) -> str:
     return f"Not served: {why}{more}."
 
 
-def had(told: Explanation) -> str:
-    """One sentence of what the vehicle had over the period, and why."""
+def had(told: Explanation, away: int = 0) -> str:
+    """One sentence of what the vehicle had over the period, and why.
+
+    Args:
+        away: steps of the period at which its UAV was away to be charged.
+    """
     got = told.received
     if got is None:
         return "It was gone before the period's first step."
     if told.served_by is None:
         return "It had 0 Mbit/s, because no UAV served it."
     why = f"it was in range of {told.served_by} at {got.in_range} of {_counted(got.steps, 'step')}"
+    if away:
+        why += f", which left to be charged and was away at {away}"
     if got.crowded:
         why += f", whose radio held less than it asks for at {got.crowded} of them"
     if got.delivered < got.carried:

@@ -6,7 +6,7 @@ import math
 
 from pydantic import Field
 
-from skyrelay.core.scenario import Fleet, Length, Scenario
+from skyrelay.core.scenario import ChargingPoint, Fleet, Length, Scenario
 from skyrelay.core.zones import ZoneGrid
 
 
@@ -33,6 +33,25 @@ def resolve(scenario: Scenario, grid: ZoneGrid) -> ResolvedScenario:
             "fleet": ResolvedFleet(**dict(scenario.fleet) | {"range": reach}),
             "selection": scenario.selection.model_copy(update={"max_distance": gate}),
         }
+    )
+
+
+def charging_points(scenario: Scenario, grid: ZoneGrid) -> tuple[ChargingPoint, ...]:
+    """Where UAVs land to be charged: the scenario's list, or one in each zone; none where there are no places."""
+    energy = scenario.energy
+    if scenario.charging or not energy.places:
+        return scenario.charging
+    (east, north), side = energy.charging_point, grid.side
+    corners = ((zone, *grid.corner(zone)) for zone in grid.ids)
+    return tuple(
+        ChargingPoint(
+            name=f"zone {zone}",
+            x=x + east * side,
+            y=y + north * side,
+            places=energy.places,
+            power=energy.charging_power,
+        )
+        for zone, x, y in corners
     )
 
 

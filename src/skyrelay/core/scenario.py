@@ -38,6 +38,8 @@ NAME = r"^[^/\\\x00-\x1f\x7f]+$"
 """A run's name is a folder's, too."""
 MAX_SCENARIO = 16 * 2**20
 """Longest scenario file that is parsed [bytes]."""
+MAX_CHARGING_POINTS = 100
+"""A UAV's way to each is an action of its own, of which a run's tables have an int8."""
 
 Length = Annotated[Real, Field(ge=0.1, le=FARTHEST)]
 Speed = Annotated[Real, Field(ge=0, le=1000)]
@@ -247,7 +249,10 @@ class Energy(_Section):
         "linear", description="linear: by the two rates below; rotary-wing: power by speed (Zeng et al. 2019)"
     )
     battery: Annotated[Real, Field(ge=1, le=1e6)] = Field(
-        70.0, description="rotary-wing: what a full battery holds [Wh]"
+        70.0, description="what a full battery holds, for rotary-wing and for charging places [Wh]"
+    )
+    payload: Annotated[Real, Field(ge=0, le=100_000)] = Field(
+        0.0, description="rotary-wing: what the radio and the rest on board take all the time in the air [W]"
     )
     hover_per_minute: PerMinute = Field(4.0, description="linear: [% of the battery]")
     move_per_minute: PerMinute = Field(5.0, description="linear: [% of the battery]")
@@ -259,6 +264,24 @@ class Energy(_Section):
         (0.5, 0.5), description="of every zone, from its south-west corner [zone sides]"
     )
     charging_radius: Length = Field(100.0, description="within which a UAV is charged [m]")
+    places: Annotated[Whole, Field(ge=0, le=UINT16)] = Field(
+        0, description="on the ground at each zone's charging point, where no [[charging]] is listed; 0: there are none"
+    )
+    charging_power: Annotated[Real, Field(ge=1, le=1e6)] = Field(
+        300.0, description="what each of these places gives [W]"
+    )
+    rotation: Literal["alone", "rotate"] = Field(
+        "rotate",
+        description="who is charged when, at such places: rotate: by one plan that all UAVs work out; "
+        "alone: each goes when it must, and comes back full",
+    )
+
+    @model_validator(mode="after")
+    def _one_way_to_charge(self) -> Energy:
+        """In the air at a point, or on the ground at a place."""
+        if self.places and self.charge_per_minute:
+            raise ValueError("energy.charge_per_minute of 0 beside energy.places: in the air, or on the ground")
+        return self
 
 
 Coordinate = Annotated[Real, Field(ge=-100_000_000, le=100_000_000)]
@@ -341,6 +364,16 @@ class Gateway(_Section):
     capacity: Annotated[Bandwidth, Field(gt=0)] = Field(100.0, description="of its way on [Mbit/s]")
 
 
+class ChargingPoint(_Section):
+    """Where UAVs land to be charged."""
+
+    name: Text = Field(description="what it is called")
+    x: Coordinate = Field(description="[m]")
+    y: Coordinate = Field(description="[m]")
+    places: Annotated[Whole, Field(ge=1, le=UINT16)] = Field(1, description="how many UAVs it charges at a time")
+    power: Annotated[Real, Field(ge=1, le=1e6)] = Field(300.0, description="of each place [W]")
+
+
 class Chain(_Section):
     """Where the contract lives."""
 
@@ -412,6 +445,7 @@ class Scenario(_Section):
     obstacles: Obstacles = Obstacles()
     radio: Radio = Radio()
     gateways: Annotated[tuple[Gateway, ...], Field(max_length=1000)] = ()
+    charging: Annotated[tuple[ChargingPoint, ...], Field(max_length=MAX_CHARGING_POINTS)] = ()
     map: Map = Map()
     chain: Chain = Chain()
     store: Store = Store()
@@ -466,9 +500,23 @@ class Scenario(_Section):
             raise ValueError(f"fleet.altitude above 22.5 m and up to 300 m, as TR 36.777 has it ({altitude:g} m)")
         if radio.model != "disc" and altitude <= radio.antenna:
             raise ValueError(f"fleet.altitude above radio.antenna ({altitude:g} m is not above {radio.antenna:g} m)")
-        names = [gateway.name for gateway in self.gateways]
-        if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise ValueError(f"gateways of different names ({twice[0]!r} is there twice)")
+        if twice := _twice([gateway.name for gateway in self.gateways]):
+            raise ValueError(f"gateways of different names ({twice!r} is there twice)")
+        return self
+
+    @model_validator(mode="after")
+    def _charging_points(self) -> Scenario:
+        """On the ground at places, or in the air at a point; each point with a name and an action of its own."""
+        if self.charging and self.energy.charge_per_minute:
+            raise ValueError("energy.charge_per_minute of 0 beside [[charging]]: in the air, or on the ground")
+        if twice := _twice([point.name for point in self.charging]):
+            raise ValueError(f"charging points of different names ({twice!r} is there twice)")
+        zones = self.zones.columns * self.zones.rows
+        if self.energy.places and not self.charging and zones > MAX_CHARGING_POINTS:
+            raise ValueError(
+                f"at most {MAX_CHARGING_POINTS} zones where energy.places has a charging point in each ({zones:,}); "
+                "or [[charging]] points"
+            )
         return self
 
     @model_validator(mode="after")
@@ -478,6 +526,11 @@ class Scenario(_Section):
         if self.obstacles.buildings and self.fleet.altitude <= highest:
             raise ValueError(f"fleet.altitude above the highest building's {highest:g} m ({self.fleet.altitude:g} m)")
         return self
+
+
+def _twice(names: Sequence[str]) -> str | None:
+    """The first name that is there more than once."""
+    return min((name for name in names if names.count(name) > 1), default=None)
 
 
 def _fits_a_name(name: object) -> bool:
@@ -593,8 +646,9 @@ def to_commented_toml(scenario: Scenario) -> str:
             else:
                 text = tomli_w.dumps({key: value}).rstrip()
             lines.append(f"{text}  # {described.description}" if described.description else text)
-    for gateway in scenario.gateways:
-        lines += ["", "[[gateways]]", tomli_w.dumps(gateway.model_dump()).rstrip()]
+    for section in ("gateways", "charging"):
+        for item in getattr(scenario, section):
+            lines += ["", f"[[{section}]]", tomli_w.dumps(item.model_dump()).rstrip()]
     return "\n".join(lines) + "\n"
 
 
@@ -652,9 +706,10 @@ def _suggest(key: str) -> str:
     model: Any = Scenario
     *sections, last = key.split(".")
     for section in sections:
-        # Below a list there are buildings or gateways; their place in it is no key.
+        # Below a list there are buildings, gateways or charging points; their place in it is no key.
         if not section.isdigit():
-            model = {"buildings": Building, "gateways": Gateway}.get(section) or model.model_fields[section].annotation
+            listed = {"buildings": Building, "gateways": Gateway, "charging": ChargingPoint}
+            model = listed.get(section) or model.model_fields[section].annotation
     names = list(model.model_fields)
     close = difflib.get_close_matches(last, names, n=1)
     return f"did you mean {close[0]!r}?" if close else "one of " + ", ".join(names)

@@ -73,6 +73,8 @@ def run_agents(
     if airframe is not None and config.resolved().coordination.dispatch:
         # The fence is the zone's that it takes off in: it would never arrive in another.
         raise UsageError("--autopilot", "coordination.dispatch = true", "a scenario without dispatch")
+    if airframe is not None and config.law().places:
+        raise UsageError("--autopilot", "charging places", "a scenario without energy.places and [[charging]]")
     if receiver is not None and (kind != "vehicle" or len(agents) != 1):
         raise UsageError("--gpsd", f"{len(agents)} of kind {kind}", "one vehicle: name it by --members")
     chain = NodeChain(access.urls, keyring, chain_id=access.chain_id, confirmations=access.confirmations)

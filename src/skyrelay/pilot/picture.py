@@ -165,8 +165,9 @@ class Picture:
         uav = self.uavs[address]
         if uav.zone and not zone:
             self._held.pop(address, None)
-            name = self.name(address)
-            self.alert("low-battery", name, f"{name} has landed, its battery at {uav.battery:.1f} %")
+            if not self._law.places:  # where there are some it is on its way there
+                name = self.name(address)
+                self.alert("low-battery", name, f"{name} has landed, its battery at {uav.battery:.1f} %")
         uav.zone = zone
 
     # The bus

@@ -34,7 +34,8 @@ class Timetable:
         slot: what a phase of the selection has, transactions included [s].
         step: what a step of flight has [s].
         seconds: a step in the world's time [s].
-        steps, period_steps, rounds, dispatch: as the scenario has them.
+        steps, period_steps, rounds: as the scenario has them.
+        dispatch: whether UAVs change zones between two periods.
     """
 
     begin: float
@@ -51,7 +52,8 @@ class Timetable:
         """A scenario's."""
         config = scenario.coordination
         rounds = scenario.selection.rounds
-        return cls(begin, slot, step, config.step_seconds, config.steps, config.period_steps, rounds, config.dispatch)
+        moves = config.dispatch or bool(scenario.charging or scenario.energy.places)
+        return cls(begin, slot, step, config.step_seconds, config.steps, config.period_steps, rounds, moves)
 
     def __iter__(self) -> Iterator[Due]:
         """All ticks, in order, as `skyrelay.simulation.run.Run` has them."""

@@ -7,7 +7,9 @@ from typing import Annotated, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from skyrelay.airspace.flight import ACTIONS
 from skyrelay.core.errors import BusError
+from skyrelay.core.scenario import MAX_CHARGING_POINTS
 from skyrelay.pilot.bus import LONGEST_QUESTION
 from skyrelay.protocol.messages import Beacon, Fix, Phase, Tick
 from skyrelay.protocol.vehicle import Choice
@@ -149,7 +151,7 @@ class Reply(_Message):
         chain_seconds: that it has waited for the chain since it began [s].
     """
 
-    moves: dict[Address, Annotated[int, Field(ge=0, le=8)]] = {}
+    moves: dict[Address, Annotated[int, Field(ge=0, lt=ACTIONS + MAX_CHARGING_POINTS)]] = {}
     choices: dict[Address, ChoiceMessage] = {}
     fixes: dict[Address, FixMessage] = {}
     sent: dict[str, Count] = {}

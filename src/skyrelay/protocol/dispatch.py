@@ -5,13 +5,14 @@ Every UAV works out the same plan from the same events of the contract, and move
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from skyrelay.chain.abi import Event
-from skyrelay.chain.client import DECIMETRES
+from skyrelay.chain.client import DECIMETRES, HUNDREDTHS
 from skyrelay.core.entities import FloatArray, IntArray
 from skyrelay.core.zones import ZoneGrid
 
@@ -30,7 +31,7 @@ class Books:
     Attributes:
         zone_of: zone by vehicle, of those that have reported since the last period ended.
         demand_of: [kbit/s] by vehicle, of those that ever proposed.
-        uav_zone, uav_bandwidth, uav_place: by UAV; zone 0 has left; [kbit/s]; [m].
+        uav_zone, uav_bandwidth, uav_battery, uav_place: by UAV; zone 0 has left; [kbit/s]; [%]; [m].
         moving: zones that UAVs have changed to since anything else happened. They count once it does, so that a host
             that works out the plan after the first have gone works out the same one.
     """
@@ -39,6 +40,7 @@ class Books:
     demand_of: dict[str, int] = field(default_factory=dict)
     uav_zone: dict[str, int] = field(default_factory=dict)
     uav_bandwidth: dict[str, int] = field(default_factory=dict)
+    uav_battery: dict[str, float] = field(default_factory=dict)
     uav_place: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     moving: dict[str, int] = field(default_factory=dict)
@@ -58,37 +60,49 @@ class Books:
                 self.demand_of[args["vehicle"]] = args["demand"]
             case "UAVRegistered" | "UAVUpdated":
                 self.uav_bandwidth[args["uav"]] = args["bandwidth"]
+                self.uav_battery[args["uav"]] = args["battery"] / HUNDREDTHS
                 self.uav_place[args["uav"]] = (args["x"] / DECIMETRES, args["y"] / DECIMETRES)
             case "UAVZoneUpdated":
                 self.moving[args["uav"]] = args["to"]
 
-    def moves(self, grid: ZoneGrid, stride: float) -> dict[str, int]:
-        """The zone that each UAV goes to that is not to stay.
+    def asked(self, grid: ZoneGrid) -> tuple[FloatArray, float] | None:
+        """[Z] what is asked for in each zone, and by a vehicle on average [kbit/s].
 
-        Nobody moves before anything was asked for: a vehicle tells its demand when it first proposes.
-
-        Args:
-            stride: length of a step [m].
+        None before anything was asked for: a vehicle tells its demand when it first proposes.
         """
         told = [self.demand_of[vehicle] for vehicle in self.zone_of if vehicle in self.demand_of]
         if not told:
-            return {}
+            return None
         mean = float(np.mean(told))
         asked = np.zeros(len(grid.ids))
         for vehicle, zone in self.zone_of.items():
             if zone in grid.ids:
                 asked[zone - 1] += self.demand_of.get(vehicle, mean)
-        uavs = sorted(uav for uav, zone in self.uav_zone.items() if zone in grid.ids and uav in self.uav_place)
+        return asked, mean
+
+    def moves(self, grid: ZoneGrid, stride: float, zones: Mapping[str, int] | None = None) -> dict[str, int]:
+        """The zone that each UAV goes to that is not to stay; nobody moves before anything was asked for.
+
+        Args:
+            stride: length of a step [m].
+            zones: by UAV, where they are by then; None: where they are now.
+        """
+        told = self.asked(grid)
+        if told is None:
+            return {}
+        asked, mean = told
+        at = self.uav_zone if zones is None else zones
+        uavs = sorted(uav for uav, zone in at.items() if zone in grid.ids and uav in self.uav_place)
         stations = plan(
             asked,
-            np.array([self.uav_zone[uav] for uav in uavs], dtype=np.int64),
+            np.array([at[uav] for uav in uavs], dtype=np.int64),
             np.array([self.uav_bandwidth[uav] for uav in uavs], dtype=np.float64),
             np.array([self.uav_place[uav] for uav in uavs], dtype=np.float64).reshape(-1, 2),
             grid,
             mean,
             stride,
         )
-        return {uav: zone for uav, zone in zip(uavs, stations.tolist(), strict=True) if zone != self.uav_zone[uav]}
+        return {uav: zone for uav, zone in zip(uavs, stations.tolist(), strict=True) if zone != at[uav]}
 
 
 def plan(

@@ -67,7 +67,8 @@ class History:
 
     Attributes:
         demands: [kbit/s] by the vehicle's name, of those that ever proposed.
-        zones: by UAV, the steps at which its zone changed, each with the new one; 0 where it left.
+        zones: by UAV, the steps at which its zone changed, each with the new one, 0 where it left, and the step whose
+            row shows it first.
         models: ids that were assigned.
         cids: by model id, as the contract has them.
         roles: accounts that were ever granted one.
@@ -78,7 +79,7 @@ class History:
     def __init__(self, names: Mapping[str, str], periods: int, period_steps: int) -> None:
         self.periods = [Period() for _ in range(periods)]
         self.demands: dict[str, int] = {}
-        self.zones: dict[str, list[tuple[int, int]]] = {}
+        self.zones: dict[str, list[tuple[int, int, int]]] = {}
         self.models: set[str] = set()
         self.cids: dict[str, bytes] = {}
         self.roles: set[str] = set()
@@ -88,6 +89,7 @@ class History:
         self._uavs: dict[str, Row] = {}
         self._vehicles: dict[str, Row] = {}
         self._reported: dict[str, int] = {}  # the step at which each member last told its record
+        self._told_at = 0  # the last step at which a UAV did
         self._opened = -1  # the last period whose records have been taken down
         self._held: dict[str, set[str]] = {}
         self._settled = 0  # the period that it is of
@@ -102,13 +104,13 @@ class History:
     def station(self, uav: str, step: int) -> int:
         """The zone that a UAV last had up to a step, whether or not it has landed since; 0 for an unknown one."""
         changes = self.zones.get(uav, [])
-        past = [zone for number, (at, zone) in enumerate(changes) if zone and (at <= step or number == 0)]
+        past = [zone for number, (at, zone, _) in enumerate(changes) if zone and (at <= step or number == 0)]
         return past[-1] if past else 0
 
     def zone_at(self, uav: str, step: int) -> int:
         """A UAV's zone in a step's row; a change between two periods shows in the next row, a landing at once."""
         changes = self.zones.get(uav, [])
-        past = [zone for number, (at, zone) in enumerate(changes) if number == 0 or at + (zone > 0) <= step]
+        past = [zone for number, (_, zone, shown) in enumerate(changes) if number == 0 or shown <= step]
         return past[-1] if past else 0
 
     def hear(self, event: Event, step: int) -> None:
@@ -172,7 +174,9 @@ class History:
         """A UAV's record, or its zone."""
         args, uav = event.args, self._name(event.args["uav"])
         if event.name == "UAVZoneUpdated":
-            self.zones.setdefault(uav, []).append((step, args["to"]))
+            # Who leaves at the end of a step is gone in its row; who does after the reports shows it in the next.
+            shown = step + (args["to"] > 0 or (self._told_at == step > 0))
+            self.zones.setdefault(uav, []).append((step, args["to"], shown))
             self._change_uav(uav, {"zone": args["to"]}, step)
             return
         record = {
@@ -185,7 +189,7 @@ class History:
             self.registered["uav"].append(args["uav"])
             self._uavs[uav] = {"zone": 0}
             record |= {"reputation": args["reputation"] / HUNDREDTHS}
-        self._reported[uav] = step
+        self._reported[uav] = self._told_at = step
         self._change_uav(uav, record, step)
 
     def _change_uav(self, uav: str, change: Row, step: int) -> None:

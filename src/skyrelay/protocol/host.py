@@ -44,6 +44,7 @@ from skyrelay.protocol.messages import (
     ZoneRead,
 )
 from skyrelay.protocol.relay import Relay
+from skyrelay.protocol.rotation import stations
 from skyrelay.protocol.rule import Decider, Rule
 from skyrelay.protocol.sight import decide
 from skyrelay.protocol.vehicle import Choice, VehicleAgent
@@ -372,7 +373,7 @@ class Host:
     def _stations(self, law: Law) -> dict[str, int]:
         """Where UAVs go between two periods, as the chain is at the latest block; all of them go by one plan."""
         if self._moves_between is None:
-            self._moves_between = self._books.moves(law.grid, law.stride)
+            self._moves_between = stations(self._books, law)
         return self._moves_between
 
     def _timed(self, ask: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:

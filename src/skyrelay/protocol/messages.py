@@ -25,14 +25,14 @@ class Phase(Enum):
     JOIN = "UAVs that are not registered do so"
     CLOSE = "the coordinators end the period before"
     REPORT = "everyone tells the contract where it is"
-    DISPATCH = "UAVs whose zone has more than enough go where it lacks, if the scenario has them do so"
+    DISPATCH = "UAVs go where bandwidth lacks, to be charged, and back, as the scenario has it"
     RATE = "the consortium's authority gives new members their reputation"
     PROPOSE = "vehicles without a UAV propose; once a round"
     ALLOCATE = "the coordinators have the proposals decided; once a round"
     DETERMINE = "the coordinators ask for each team's policy"
     BEACON = "everyone tells those around where it is"
     DECIDE = "UAVs choose their moves"
-    LAND = "UAVs whose battery is spent leave"
+    LAND = "UAVs whose battery lasts no longer leave"
 
 
 # Messages
@@ -114,7 +114,7 @@ class ZoneRead:
 
 @dataclass(frozen=True, slots=True)
 class StationRead:
-    """Answers `ReadStation`: the zone that the UAV goes to; None where it stays."""
+    """Answers `ReadStation`: the zone that the UAV goes to, 0 to be charged; None where it stays."""
 
     zone: int | None
 
@@ -290,7 +290,7 @@ class ReadZone:
 
 @dataclass(frozen=True, slots=True)
 class ReadStation:
-    """Where the UAV goes by `skyrelay.protocol.dispatch`: worked out by the host for all its UAVs at once."""
+    """Where the UAV goes by `skyrelay.protocol.rotation`: worked out by the host for all its UAVs at once."""
 
     law: Law
 
@@ -326,7 +326,7 @@ class Decide:
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """Fly one step: 0 stays, 1 to 8 are the headings."""
+    """Fly one step: 0 stays, 1 to 8 are the headings, from 9 on straight to a charging point, to land there."""
 
     action: int
 

@@ -11,6 +11,7 @@ from functools import partial
 from importlib.metadata import version
 from typing import Any, TypeAlias
 
+from skyrelay.airspace.charging import RECHARGE, Habit
 from skyrelay.airspace.flight import ACTIONS, STAY
 from skyrelay.airspace.maps import PAPER_MAPS
 from skyrelay.airspace.sight import Sight
@@ -38,6 +39,8 @@ RULES = {
 """Each rule that can fly a run, and where it is; those of `FLOWN` are made with the run's seed."""
 SEEKING = frozenset({"serve"})
 """Those that also fly a UAV that no vehicle has selected, to where it may be."""
+HABITS: dict[str, Habit] = {"recharge": RECHARGE}
+"""Those that have a say in when a UAV is charged."""
 MARK = b'{"rule": '
 """How a rule's card begins."""
 
@@ -66,6 +69,7 @@ class Rule:
 
     Attributes:
         seeks: whether it also flies a UAV that no vehicle has selected.
+        habit: when a UAV that flies by it goes to a charging place; None: it has no say in that.
         card: for the contract.
         content: what the store keeps and the CID is of: the name, and which version of the code decides.
     """
@@ -74,6 +78,7 @@ class Rule:
         self.card = RuleCard(name)
         self.flies = flies
         self.seeks = name in SEEKING
+        self.habit = HABITS.get(name)
         told = {"rule": name, "skyrelay": version("skyrelay"), "sha256": plugins.fingerprint(flies)}
         self.content = json.dumps(told).encode()
 

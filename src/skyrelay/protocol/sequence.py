@@ -48,6 +48,7 @@ class UavState(Enum):
     AVAILABLE = "registered, hovering"
     SELECTED = "has vehicles, no policy yet"
     FLYING = "flies the zone's policy"
+    CHARGING = "away to be charged"
     RETIRED = "battery spent"
 
 
@@ -60,6 +61,8 @@ class UavMessage(Enum):
     UNSELECTED = "no vehicle left after a further round"
     MODEL_VERIFIED = "determineMDRLModel(), fetched by CID, hash and card checked"
     RESET = "resetListsForZone()"
+    CHARGE = "updateUAVZone(0), where there are charging places"
+    RETURN = "updateUAVZone()"
     RETIRE = "updateUAVZone(0)"
 
 
@@ -119,6 +122,12 @@ UAV: Table[UavState, UavMessage] = {
     (U.AVAILABLE, UM.RESET): U.AVAILABLE,
     (U.SELECTED, UM.RESET): U.AVAILABLE,
     (U.FLYING, UM.RESET): U.AVAILABLE,
+    (U.AVAILABLE, UM.CHARGE): U.CHARGING,
+    (U.SELECTED, UM.CHARGE): U.CHARGING,
+    (U.FLYING, UM.CHARGE): U.CHARGING,
+    (U.CHARGING, UM.UPDATE): U.CHARGING,
+    (U.CHARGING, UM.RESET): U.CHARGING,
+    (U.CHARGING, UM.RETURN): U.AVAILABLE,
     (U.AVAILABLE, UM.RETIRE): U.RETIRED,
     (U.SELECTED, UM.RETIRE): U.RETIRED,
     (U.FLYING, UM.RETIRE): U.RETIRED,

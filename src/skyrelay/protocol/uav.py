@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from skyrelay.airspace.charging import Habit, to_point
 from skyrelay.airspace.law import Law
 from skyrelay.airspace.sight import Sight
 from skyrelay.chain.abi import Event
@@ -42,6 +43,8 @@ from skyrelay.protocol.rule import Decider, Rule
 from skyrelay.protocol.sequence import UAV, Machine, UavMessage, UavState
 from skyrelay.store.cid import Cid
 
+_ON_THE_BOOKS = frozenset({UavState.AVAILABLE, UavState.CHARGING})
+"""Who tells the contract where it is and what its battery has, before a selection."""
 _EQUIPPED = frozenset({UavState.AVAILABLE, UavState.SELECTED})
 """Who fetches what its zone flies by: without vehicles, too, since it may be for UAVs that seek some."""
 
@@ -115,7 +118,10 @@ class UavAgent(Agent):
             case Event():
                 return self._hear(message)
             case StationRead(zone):
-                return () if zone is None else self._call(ChangeZone(zone))
+                # A rule that has its own say in charging takes from the plan of all only where it is needed.
+                if zone is None or (zone == 0 and not self._rotates):
+                    return ()
+                return self._call(ChangeZone(zone))
             case ModelRead(model) if model.model_id == self._model:
                 self._read = model
                 return self._equip(model)
@@ -135,17 +141,19 @@ class UavAgent(Agent):
                 return self._report(RegisterUav, self._station)
             case Phase.CLOSE if self.state not in {UavState.SELECTED, UavState.FLYING}:
                 self._end_period()
-            case Phase.LAND if self._fix.battery <= self._law.energy.reserve and self.machine.allows(UavMessage.RETIRE):
+            case Phase.LAND if self.machine.allows(UavMessage.RETIRE) and self._must_leave():
                 return self._call(ChangeZone(0))
-            case Phase.REPORT if self.state is UavState.AVAILABLE:
+            case Phase.REPORT if self.state in _ON_THE_BOOKS:
                 return self._report(UpdateUav)
-            case Phase.DISPATCH if self.state is UavState.AVAILABLE and self._zone:
-                return (ReadStation(self._law),)
+            case Phase.DISPATCH if self.state in _ON_THE_BOOKS:
+                return self._ask_station()
             case Phase.BEACON if self._zone:
                 if self.state is UavState.SELECTED and self._model is not None:
                     # One that was started again has its policy to load before it can fly.
                     return (*self._beacon(tick.time), ReadModel(self._model))
                 return self._beacon(tick.time)
+            case Phase.DECIDE if (home := self._home()) is not None:
+                return (Move(home),)
             case Phase.DECIDE if (way := self._way_in()) is not None:
                 return (Move(self._apart(way)),)
             case Phase.DECIDE if self.state is UavState.FLYING and self.policy is not None:
@@ -167,6 +175,50 @@ class UavAgent(Agent):
         heard = self._last_of([sender for sender in uavs if sender != self.address], self._time)
         places = [beacon.position for beacon in heard if beacon.position is not None]
         return self._law.apart(action, self._zone, self._fix.position, np.array(places).reshape(-1, 2))
+
+    # Charging
+
+    @property
+    def _habit(self) -> Habit:
+        """When it goes to be charged, and comes back; a rule may have its own."""
+        return self.policy.habit if isinstance(self.policy, Rule) and self.policy.habit else Habit()
+
+    @property
+    def _rotates(self) -> bool:
+        """Whether it goes by the plan of all, and not by what it, or its rule, finds."""
+        return self._law.rotates and not (isinstance(self.policy, Rule) and self.policy.habit)
+
+    def _must_leave(self) -> bool:
+        """Whether its battery lasts no longer: for the way to a charging point, where there are such."""
+        if not self._law.places:
+            return self._fix.battery <= self._law.energy.reserve
+        place = self._fix.position
+        return (
+            self._zone > 0 and place is not None and self._law.must_charge(self._fix.battery, place, self._habit.spare)
+        )
+
+    def _home(self) -> int | None:
+        """The action that leads to a charging point and stays there; None of one that need not go.
+
+        By its battery alone, too: however slow the chain is, no UAV waits for it in the air.
+        """
+        law, place = self._law, self._fix.position
+        if not law.places or place is None:
+            return None
+        if self.state is not UavState.CHARGING and not self._must_leave():
+            return None
+        return to_point(int(law.places.nearest(np.array([place]))[0][0]))
+
+    def _ask_station(self) -> Sequence[Command]:
+        """Which zone it flies in next: by the plan of all, or of its own accord once it is charged."""
+        away = self.state is UavState.CHARGING
+        if not (away or self._zone):
+            return ()
+        if self._rotates or (self._law.dispatch and not away):
+            return (ReadStation(self._law),)
+        if away and self._fix.battery >= self._habit.enough:
+            return self._call(ChangeZone(self._station))
+        return ()
 
     def _way_in(self) -> int | None:
         """Of a UAV that comes from another zone: the action that brings it nearest to its own; None inside it."""
@@ -199,8 +251,13 @@ class UavAgent(Agent):
                 self.machine.advance(UavMessage.UPDATE)
             case "UAVZoneUpdated" if args["uav"] == self.address:
                 self._zone = args["to"]
+                self._station = self._zone or self._station
                 if not self._zone:
-                    self.machine.advance(UavMessage.RETIRE)
+                    self._model, self._vehicles = None, ()
+                    self._team.clear()
+                    self.machine.advance(UavMessage.CHARGE if self._law.places else UavMessage.RETIRE)
+                elif self.state is UavState.CHARGING:
+                    self.machine.advance(UavMessage.RETURN)
             case "UAVZoneUpdated" if args["from"] == self._zone:
                 self._team.discard(args["uav"])
             case "UAVAllocated" if args["uav"] == self.address:

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 
+from skyrelay.core.resolved import charging_points
 from skyrelay.runfolder import Run
 from skyrelay.runfolder.feed import LOW_BATTERY, Alert
 
@@ -19,13 +20,16 @@ def alerts(run: Run) -> list[tuple[int, Alert]]:
 def _batteries(run: Run) -> list[tuple[int, Alert]]:
     found = []
     reserve = run.scenario.energy.reserve
+    charged = bool(charging_points(run.scenario, run.grid))  # who leaves is on its way there
     order = np.lexsort((run.uavs["step"], run.uavs["uav"].astype(str)))
     columns = (run.uavs[name][order].tolist() for name in ("step", "uav", "zone", "battery"))
     warned, landed, last = False, False, ""
     for step, uav, zone, battery in zip(*columns, strict=True):
         if uav != last:
             warned, landed, last = False, False, uav
-        if zone == 0 and not landed:
+        if battery > reserve + LOW_BATTERY:  # it may have been charged since
+            warned = landed = False
+        elif zone == 0 and not landed and not charged:
             landed = True
             found.append((step, Alert("low-battery", uav, f"{uav} has landed, its battery at {battery:.1f} %")))
         elif not warned and not landed and battery <= reserve + LOW_BATTERY:

@@ -145,7 +145,7 @@ class _World:
         self._bandwidth = np.array([offered.get(name, 0) for name in self._names], dtype=np.float64)
         least = min(law.cost.hover, law.cost.move)
         charge = self._uavs["battery"][start] - law.energy.reserve
-        charged = law.energy.charge_per_minute > 0.0
+        charged = law.energy.charge_per_minute > 0.0 or bool(law.places)
         # In the row of the step at which a battery is down to the reserve the UAV has landed.
         self._lasts = np.where(charge > 0.0, np.inf if charged or least <= 0.0 else charge / max(least, 1e-12), 0.0)
 

@@ -18,9 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 from skyrelay.core.errors import RunFolderError
+from skyrelay.core.resolved import charging_points
 from skyrelay.core.untrusted import parse_json
 from skyrelay.report.alerts import alerts
-from skyrelay.runfolder.feed import arguments_of
+from skyrelay.runfolder.feed import PAD, arguments_of
 from skyrelay.runfolder.reader import MAX_TEXT, Run
 
 COLOURS = 8
@@ -140,6 +141,7 @@ def _contents(run: Run) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
             for building in run.scenario.obstacles.buildings
         ],
         "charging": _charging(run),
+        "places": bool(charging_points(run.scenario, run.grid)),
         "alerts": [[step, *alert] for step, alert in alerts(run)],
         "box": [low_x, low_y, high_x, high_y],
         "vehicles": vehicle_ids,
@@ -166,8 +168,10 @@ def _in_range(run: Run, name: str) -> npt.NDArray[np.float64]:
 
 
 def _charging(run: Run) -> dict[str, Any] | None:
-    """Where each zone's charging point is, and its radius [m]; None where there are none."""
+    """Where charging points are, and their radius [m]; None where there are none."""
     energy, grid = run.scenario.energy, run.grid
+    if places := charging_points(run.scenario, grid):
+        return {"points": [[place.x, place.y] for place in places], "radius": PAD}
     if energy.charge_per_minute == 0:
         return None
     offset = np.array(energy.charging_point) * grid.side

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from skyrelay.core.errors import RunFolderError
+from skyrelay.core.resolved import charging_points
 from skyrelay.core.scenario import Scenario
 from skyrelay.core.untrusted import parse_json
 from skyrelay.core.zones import ZoneGrid
@@ -34,6 +35,8 @@ Id = Annotated[str, Field(min_length=1, max_length=256)]
 Line = Annotated[list[Measure], Field(max_length=MAX_POINTS)]
 """x, y, x, y... [m]."""
 
+PAD = 25.0
+"""As large a charging place on the ground is drawn [m]."""
 LOW_BATTERY = 2.0
 """A battery that is at most so much above the reserve is low [%]."""
 
@@ -97,6 +100,7 @@ class Header(BaseModel):
         session: the same as long as steps count on from one another; another one starts the page afresh.
         reserve: at or below it a UAV leaves [%].
         charging: x, y, radius of each charging point [m].
+        places: whether UAVs land there: one without a zone is away to be charged.
         streets: each a line [m].
     """
 
@@ -111,6 +115,7 @@ class Header(BaseModel):
     reserve: Annotated[float, Field(ge=0, le=100)] = 0.0
     grid: Grid
     charging: Annotated[list[tuple[Measure, Measure, Positive]], Field(max_length=10_000)] = []
+    places: bool = False
     buildings: Annotated[list[Building], Field(max_length=MAX_POINTS)] = []
     streets: Annotated[list[Line], Field(max_length=MAX_POINTS)] = []
 
@@ -143,6 +148,8 @@ def header_of(
     flight, energy = scenario.coordination, scenario.energy
     offset = np.array(energy.charging_point) * grid.side
     points = [np.array(grid.corner(zone)) + offset for zone in grid.ids] if energy.charge_per_minute else []
+    charging = [(float(x), float(y), energy.charging_radius) for x, y in points]
+    places = [(place.x, place.y, PAD) for place in charging_points(scenario, grid)]
     return Header(
         session=secrets.token_hex(8),
         name=scenario.name,
@@ -151,7 +158,8 @@ def header_of(
         range_m=range_m,
         reserve=energy.reserve,
         grid=Grid(**asdict(grid)),
-        charging=[(float(x), float(y), energy.charging_radius) for x, y in points],
+        charging=places or charging,
+        places=bool(places),
         buildings=[
             Building([value for corner in building.polygon for value in corner], building.height)
             for building in scenario.obstacles.buildings

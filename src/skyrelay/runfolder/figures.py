@@ -56,6 +56,27 @@ def over_the_run(metrics: Columns, vehicles: Columns) -> dict[str, float | None]
     return figures
 
 
+def over_charging(charging: Columns, uavs: Columns, seconds: float) -> dict[str, float | None]:
+    """The figures of ``summary.json`` about charging places.
+
+    Args:
+        charging, uavs: the columns of ``charging.parquet`` and of ``uavs.parquet``.
+        seconds: a step takes.
+    Returns: by key.
+    """
+    moved, away = uavs["step"] > 0, charging["step"] > 0
+    uav, step = _codes(charging["uav"][away]), charging["step"][away]
+    order = np.lexsort((step, uav))
+    uav, step = uav[order], step[order]
+    stays = int((np.diff(uav, prepend=-1) != 0).sum()) + int(((np.diff(uav) == 0) & (np.diff(step) != 1)).sum())
+    waits = int((charging["state"][away] == "waiting").sum())
+    return {
+        "charged_share": _share(int(away.sum()), int(moved.sum())),
+        "waiting_seconds": _share(waits * seconds, stays),
+        "lowest_battery": round(float(uavs["battery"].min()), DIGITS) if len(uavs["battery"]) else None,
+    }
+
+
 def fairness(tracks: Columns, rate: str) -> float | None:
     """Jain's index of what vehicles got of what they asked for, each over all of its steps; None where none got any.
 

@@ -22,7 +22,7 @@ from skyrelay.core.scenario import Scenario, load_scenario
 from skyrelay.core.untrusted import parse_json
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.runfolder.folder import SCENARIO, SUMMARY
-from skyrelay.runfolder.schema import OPTIONAL, POSITIONS, RATES, SCHEMAS, Summary
+from skyrelay.runfolder.schema import CHARGING_STATES, OPTIONAL, POSITIONS, RATES, SCHEMAS, Summary
 
 Table = Mapping[str, npt.NDArray[Any]]
 """Columns of equal length, by name; text columns hold ``str`` objects."""
@@ -43,10 +43,11 @@ class Run:
         path: of the folder.
         scenario: as resolved when the run was made.
         summary: of ``summary.json``.
-        vehicles, uavs, metrics, proposals, events, accounts, streets: columns of the Parquet files of these names;
-            positions in m, battery and energy in %, QoU 0-100, step and period counted from 0; ``uav`` is "" for an
-            unserved vehicle; ``zone`` is 0 for a UAV that has landed and, in ``metrics``, for the whole area;
-            ``static_*`` is the comparator, the same fleet hovering; ``events.args`` is JSON, an object by event.
+        vehicles, uavs, metrics, proposals, events, accounts, streets, charging: columns of the Parquet files of these
+            names; positions in m, battery and energy in %, QoU 0-100, step and period counted from 0; ``uav`` is "" for
+            an unserved vehicle; ``zone`` is 0 for a UAV that has landed or is away to be charged and, in ``metrics``,
+            for the whole area; ``static_*`` is the comparator, the same fleet hovering; ``events.args`` is JSON, an
+            object by event.
     """
 
     path: Path
@@ -59,6 +60,7 @@ class Run:
     events: Table
     accounts: Table
     streets: Table
+    charging: Table
 
     @property
     def grid(self) -> ZoneGrid:
@@ -82,7 +84,7 @@ def read_run(path: Path) -> Run:
     require_folder(path)
     scenario = read_scenario(path)
     summary = read_summary(path)
-    names = ("vehicles", "uavs", "metrics", "proposals", "events", "accounts", "streets")
+    names = ("vehicles", "uavs", "metrics", "proposals", "events", "accounts", "streets", "charging")
     run = Run(path, scenario, summary, **{name: read_table(path, name) for name in names})
     _check(run)
     return run
@@ -270,6 +272,7 @@ def _check(run: Run) -> None:
         ("uavs", "static_zone", 0, zones, "a zone of the grid"),
         ("metrics", "step", 0, steps, "a step of the run"),
         ("metrics", "zone", 0, zones, "a zone of the grid, or 0"),
+        ("charging", "step", 0, steps, "a step of the run"),
         ("proposals", "period", 0, periods - 1, "a period of the run"),
     ):
         column = getattr(run, table)[name]
@@ -279,6 +282,9 @@ def _check(run: Run) -> None:
             raise RunFolderError(
                 f"{run.path / table}.parquet: {name}[{row}]", int(column[row]), f"{meaning} ({low} to {high})"
             )
+    odd = sorted(set(run.charging["state"]) - CHARGING_STATES)
+    if odd:
+        raise RunFolderError(run.path / "charging.parquet", odd[0], f"one of {', '.join(sorted(CHARGING_STATES))}")
     street = run.streets["street"]
     if len(street) and (street[0] != 0 or not np.isin(np.diff(street), (0, 1)).all()):
         raise RunFolderError(run.path / "streets.parquet", None, "streets numbered from 0, one after the other")
@@ -290,7 +296,7 @@ def _check(run: Run) -> None:
             f"{rows:,} rows",
             f"one for each of {len(fleet)} UAVs at each of {steps + 1} steps",
         )
-    for table, name in (("vehicles", "uav"), ("vehicles", "static_uav"), ("proposals", "uav")):
+    for table, name in (("vehicles", "uav"), ("vehicles", "static_uav"), ("proposals", "uav"), ("charging", "uav")):
         unknown = sorted(set(getattr(run, table)[name]) - fleet - {""})
         if unknown:
             raise RunFolderError(f"{run.path / table}.parquet: {name}", unknown[0], "a UAV of uavs.parquet")

@@ -124,12 +124,18 @@ SCHEMAS: dict[str, pa.Schema] = {
     "accounts": pa.schema({"name": _TEXT, "address": _TEXT, "kind": _TEXT}),
     # The corners of each street in order, for the page; streets are numbered from 0. Not there where none were named.
     "streets": pa.schema({"street": _I32, "x": _F64, "y": _F64}),
+    # One row for each UAV that is away to be charged at a step; state is "under way", "waiting" (landed, and all places
+    # are taken), "charging" or "full". Not there where the scenario has no charging places.
+    "charging": pa.schema({"step": _I32, "uav": _TEXT, "point": _TEXT, "state": _TEXT, "battery": _F32}),
     # Every event of the contract; args is a JSON object.
     "events": pa.schema({"block": _I64, "tx": _I32, "log": _I32, "step": _I32, "name": _TEXT, "args": _TEXT}),
 }
 
-OPTIONAL = frozenset({"streets"})
+OPTIONAL = frozenset({"streets", "charging"})
 """Tables that are written only where they have rows."""
+
+CHARGING_STATES = frozenset({"under way", "waiting", "charging", "full"})
+"""What the table ``charging`` says that a UAV does."""
 
 POSITIONS: dict[str, tuple[str, ...]] = {
     "vehicles": ("x", "y"),
@@ -213,6 +219,9 @@ class Summary(BaseModel):
     static_outage_p95_seconds: Measure | None
     energy_percent: Measure | None
     uavs_retired: Count
+    charged_share: Measure | None = Field(None, description="of the time of the UAVs that they are away to be charged")
+    waiting_seconds: Measure | None = Field(None, description="that a UAV has waited for a charging place on average")
+    lowest_battery: Measure | None = Field(None, description="of all UAVs at all steps [%]")
     transactions: Count
     gas_used: Count
     blocks: Count

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skyrelay.airspace import flight as rules
+from skyrelay.airspace.charging import straight
 from skyrelay.airspace.law import Law
 from skyrelay.core.entities import FloatArray, IntArray
 from skyrelay.protocol.messages import Fix
@@ -81,6 +82,23 @@ class Flight:
         """[U] whether a UAV has a vehicle in this period and is still in the air."""
         return np.isin(np.arange(len(self.fleet.ids)), self.owner) & (self.fleet.zone > 0)
 
+    @property
+    def point_names(self) -> tuple[str, ...]:
+        """Of the charging points, in their order."""
+        return self._law.places.names
+
+    @property
+    def charging(self) -> tuple[IntArray, IntArray, list[str]]:
+        """Rows of the UAVs that are away to be charged, the charging point of each, and what each does there."""
+        fleet, places = self.fleet, self._law.places
+        if not places:
+            nobody = np.empty(0, dtype=np.int64)
+            return nobody, nobody, []
+        rows = np.flatnonzero(fleet.zone == 0).astype(np.int64)
+        points = np.where(fleet.pads.landed[rows], fleet.pads.at[rows], places.nearest(self._positions(rows))[0])
+        states = fleet.pads.states(fleet.battery)
+        return rows, points, [states[row] for row in rows.tolist()]
+
     def assign(self, owner: IntArray) -> None:
         """Begin a period: ``owner`` [V] is the row of each vehicle's UAV or -1."""
         self.owner = owner.copy()
@@ -93,12 +111,14 @@ class Flight:
                 self.fleet.battery[row] = fix.battery
 
     def move(self, moves: Mapping[int, int]) -> None:
-        """Fly one step: the action of each UAV that moves, by its row; all others hover."""
+        """Fly one step: the action of each UAV that moves, by its row; all others hover, or stay where they landed."""
         # A new array: the record of the last step holds on to the old one.
         self.actions = np.full(len(self.fleet.ids), rules.STAY, dtype=np.int8)
-        if moves:
-            rows = np.array(list(moves), dtype=np.int64)
-            self.actions[rows] = list(moves.values())
+        known = rules.ACTIONS + len(self._law.places.names)
+        for row, action in moves.items():
+            self.actions[row] = action if action < known else rules.STAY
+        rows = np.flatnonzero((self.actions > rules.STAY) & (self.actions < rules.ACTIONS) & (self.fleet.zone > 0))
+        if len(rows):
             here = self._positions(rows)
             fences = [
                 self._law.fence(zone, place) for zone, place in zip(self.fleet.zone[rows].tolist(), here, strict=True)
@@ -106,7 +126,12 @@ class Flight:
             low, high = (np.array(corners) for corners in zip(*fences, strict=True))
             moved = rules.move(here, self.actions[rows], self._law.stride, low, high)
             self.fleet.x[rows], self.fleet.y[rows] = moved[:, 0], moved[:, 1]
-        self.fleet.drain(self._law, self.actions != rules.STAY)
+        rows = np.flatnonzero(self.actions >= rules.ACTIONS)
+        if len(rows):
+            goals = self._law.places.points[self.actions[rows] - rules.ACTIONS]
+            moved = straight(self._positions(rows), goals, self._law.stride)
+            self.fleet.x[rows], self.fleet.y[rows] = moved[:, 0], moved[:, 1]
+        self.fleet.drain(self._law, self.actions)
 
     def spent(self) -> IntArray:
         """Rows of the UAVs in the air whose battery is down to the reserve."""

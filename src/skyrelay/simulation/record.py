@@ -14,7 +14,7 @@ from skyrelay.chain.abi import Event
 from skyrelay.core.entities import FloatArray
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.mobility import Tracks
-from skyrelay.runfolder.figures import over_the_run
+from skyrelay.runfolder.figures import over_charging, over_the_run
 from skyrelay.runfolder.writer import TableWriter
 from skyrelay.simulation.flight import NOBODY, Measure
 from skyrelay.simulation.team import Team
@@ -130,10 +130,29 @@ class Record:
             static_zone=hovering.fleet.zone,
             static_selected=hovering.flight.selected,
         )
+        self._charging(step)
+
+    def _charging(self, step: int) -> None:
+        """Who is away to be charged at a step."""
+        rows, points, states = self._flying.flight.charging
+        if len(rows):
+            fleet, names = self._flying.fleet, self._flying.flight.point_names
+            self._tables.add(
+                "charging",
+                step=step,
+                uav=[fleet.ids[row] for row in rows],
+                point=[names[point] for point in points],
+                state=states,
+                battery=fleet.battery[rows],
+            )
 
     def figures(self) -> dict[str, float | None]:
         """Those of the run so far that its tables give."""
         return over_the_run(self._tables.columns("metrics"), self._tables.columns("vehicles"))
+
+    def charging_figures(self) -> dict[str, float | None]:
+        """Likewise, where there are charging places."""
+        return over_charging(self._tables.columns("charging"), self._tables.columns("uavs"), self._step_seconds)
 
     def streets(self, lines: Sequence[FloatArray]) -> None:
         """The streets beneath, each [P, 2] [m]."""

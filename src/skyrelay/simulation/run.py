@@ -216,7 +216,7 @@ class Run:
         self._tick(Phase.CLOSE, period)
         self._land(period)
         self._tick(Phase.REPORT, period)
-        if self.scenario.coordination.dispatch:
+        if self.scenario.coordination.dispatch or self.world.law.places:
             self._tick(Phase.DISPATCH, period)
             self._station()
         self._tick(Phase.RATE, period)
@@ -263,7 +263,7 @@ class Run:
         self.hosts.tick(Tick(phase, period, round_, self.step, now), timestamp=1 + math.floor(now))
 
     def _land(self, period: int) -> None:
-        """UAVs with an empty battery leave: the flying fleet's by the chain, the comparator's in the air only."""
+        """UAVs whose battery lasts no longer leave: the flying fleet's by the chain, the comparator's do not ask."""
         self._tick(Phase.LAND, period)
         self._station()
         self.hovering.flight.retire(self.hovering.flight.spent())
@@ -426,7 +426,8 @@ class Run:
             "mean_qou": _mean(self.qou),
             "mean_qov": _mean(self.qov),
             **self.written.figures(),
-            "uavs_retired": int((flying.fleet.zone == 0).sum()),
+            "uavs_retired": int(flying.fleet.spent.sum()),
+            **(self.written.charging_figures() if self.world.law.places else {}),
             "transactions": self.hosts.transactions,
             "gas_used": self.hosts.gas_used,
             "chain_url": without_credentials(self.scenario).chain.url,

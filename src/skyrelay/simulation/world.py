@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.cluster.vq import kmeans2
 
 from skyrelay.airspace.charge import Charger, at_charger, spend
+from skyrelay.airspace.charging import Pads, Places
+from skyrelay.airspace.flight import STAY
 from skyrelay.airspace.law import Law
 from skyrelay.core.entities import FloatArray, IntArray
 from skyrelay.core.errors import ScenarioError
@@ -48,8 +51,9 @@ class Fleet:
         x, y: [U] position [m].
         zone: [U] zone id; 0 for a UAV that has left.
         bandwidth: [U] [kbit/s].
-        battery: [U] [0-100], falling.
+        battery: [U] [0-100].
         reputation: [U] [0-100], in hundredths.
+        pads: who has landed at which charging place.
     """
 
     ids: tuple[str, ...]
@@ -59,13 +63,34 @@ class Fleet:
     bandwidth: IntArray
     battery: FloatArray
     reputation: FloatArray
+    pads: Pads = field(default_factory=lambda: Pads(Places(), 0))
 
     def copy(self) -> Fleet:
         """The same UAVs, independent of these."""
-        return replace(self, x=self.x.copy(), y=self.y.copy(), zone=self.zone.copy(), battery=self.battery.copy())
+        own = {name: getattr(self, name).copy() for name in ("x", "y", "zone", "battery", "pads")}
+        return replace(self, **own)
 
-    def drain(self, law: Law, moved: npt.NDArray[np.bool_]) -> None:
-        """Take from every UAV in the air what a step cost it, or charge it; a UAV that has left has landed."""
+    @property
+    def spent(self) -> npt.NDArray[np.bool_]:
+        """[U] whether a UAV has left for good; where there are charging places, it never came to one."""
+        gone: npt.NDArray[np.bool_] = self.zone == 0
+        return gone & ~self.pads.landed & (self.battery <= 0.0) if self.pads.places else gone
+
+    def drain(self, law: Law, actions: npt.NDArray[Any]) -> None:
+        """Take from every UAV in the air what a step cost it, or charge it; a UAV that has left has landed.
+
+        Args:
+            actions: [U] that led to where it is; who stays at its charging point spends nothing.
+        """
+        moved: npt.NDArray[np.bool_] = actions != STAY
+        if self.pads.places:
+            was = self.pads.landed
+            self.pads.land(actions, self.x, self.y, self.zone)
+            stays = was & self.pads.landed
+            airborne = ((self.zone > 0) | self.pads.under_way | (self.pads.landed & ~was)) & ~stays
+            self.battery = spend(self.battery, moved, airborne, np.zeros_like(airborne), law.cost, full=100.0)
+            self.battery = np.minimum(self.battery + np.where(stays, self.pads.charge(self.battery), 0.0), 100.0)
+            return
         at_point = np.zeros(len(self.ids), dtype=bool)
         for zone in np.unique(self.zone[self.zone > 0]).tolist():
             if (charger := law.charger(zone)) is not None:
@@ -101,7 +126,8 @@ class World:
 
         Raises:
             TraceError: the trace cannot be read, or is shorter than the run.
-            ScenarioError: no building stands in the area, or the file of streets does not fit.
+            ScenarioError: no building stands in the area, the file of streets does not fit, or a charging point is
+                out of a battery's reach.
         """
         tracks = load_tracks(scenario)
         grid = ZoneGrid.over(*tracks.box, scenario.zones.columns, scenario.zones.rows)
@@ -109,14 +135,12 @@ class World:
         named = scenario.map.streets
         streets = read_streets(Path(named), tracks.box, tracks.plane) if named else ()
         resolved = resolve(scenario, grid)
-        return cls(
-            resolved,
-            Law.of(resolved, grid),
-            tracks,
-            draw_members(scenario.demand, scenario.seed, len(tracks.ids)),
-            deploy_fleet(scenario.fleet, scenario.seed, tracks, grid),
-            tuple(streets),
-        )
+        law, fleet = Law.of(resolved, grid), deploy_fleet(scenario.fleet, scenario.seed, tracks, grid)
+        if law.places:
+            _check_charging(law, fleet)
+            fleet.pads = Pads(law.places, len(fleet.ids))
+        members = draw_members(scenario.demand, scenario.seed, len(tracks.ids))
+        return cls(resolved, law, tracks, members, fleet, tuple(streets))
 
     def addresses(self, account: Callable[[str], str]) -> dict[str, str]:
         """Every member's, by its name."""
@@ -151,6 +175,44 @@ def _check_buildings(buildings: Sequence[Building], box: tuple[float, float, flo
         f"buildings of at least {SMALLEST_BUILDING:g} m in the run's area, x {box[0]:g} to {box[2]:g} m and "
         f"y {box[1]:g} to {box[3]:g} m (degrees have to be projected to these metres)",
     )
+
+
+def _check_charging(law: Law, fleet: Fleet) -> None:
+    """That every charging point is in the area, and that batteries last for the way to one.
+
+    Raises:
+        ScenarioError: one is not, a full battery does not last for the longest way and a period, or a UAV's present
+            one not for its own way.
+    """
+    grid, places, reserve = law.grid, law.places, law.energy.reserve
+    far = np.array([grid.x0 + grid.columns * grid.side, grid.y0 + grid.rows * grid.side])
+    outside = (places.points < (grid.x0, grid.y0)).any(axis=1) | (places.points > far).any(axis=1)
+    if outside.any():
+        name, (x, y) = places.names[int(outside.argmax())], places.points[outside.argmax()]
+        raise ScenarioError(
+            "charging",
+            f"{name!r} at x {x:g}, y {y:g}",
+            f"points in the run's area, x {grid.x0:g} to {far[0]:g} m and y {grid.y0:g} to {far[1]:g} m",
+        )
+    corners = np.array([grid.corner(zone) for zone in grid.ids])
+    ends = np.concatenate([corners + grid.side * np.array(offset) for offset in ((0, 0), (1, 0), (0, 1), (1, 1))])
+    way = float(law.way_home(ends)[1].max())
+    least = reserve + 2 * way * law.cost.move + law.period_steps * law.worst
+    if not least < 100.0:
+        raise ScenarioError(
+            "charging",
+            f"{least:.0f} % of a battery for the longest way there and back, a period and the reserve",
+            "charging points that are nearer, a larger energy.battery or shorter periods",
+        )
+    place = np.column_stack([fleet.x, fleet.y])
+    needed = law.way_home(place)[1] * law.cost.move + reserve
+    if (fleet.battery < needed).any():
+        row = int((fleet.battery - needed).argmin())
+        raise ScenarioError(
+            "fleet.battery",
+            f"{fleet.battery[row]:.1f} % of {fleet.ids[row]}",
+            f"at least the {needed[row]:.1f} % that its way to a charging point takes, the reserve included",
+        )
 
 
 def draw_members(config: Demand, seed: int, count: int) -> Members:
