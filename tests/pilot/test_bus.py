@@ -259,3 +259,29 @@ def test_a_world_is_asked_by_strangers_and_keeps_none_of_their_names(bus):
     assert b"1.0" in ask("uavs", ["0x" + "aa" * 20])
     assert sky.asked == {"uavs"}
     assert world.failed == 0
+
+
+def test_a_peer_that_lacks_another_for_long_joins_anew_and_is_what_it_was(bus, monkeypatch):
+    """What it hears, answers and holds goes on; while nobody is lacking, or not for long, it stays as it is."""
+    place = endpoint()
+    world = bus("world", listen=[place])
+    one = bus("one", [place])
+    two = bus("two", [place])
+    everybody = until(lambda: names if len(names := {*world.linked, world.name_on_bus}) == 3 else None)
+    until(lambda: len(one.linked) == 2)
+    heard = one.subscribe("skyrelay/heard")
+    one.attend("skyrelay/attended", lambda content: content)
+    one.claim("skyrelay/claimed")
+    linked(two, "skyrelay/heard", heard)
+    before = one.name_on_bus
+    one.stay_linked(everybody)
+    one.stay_linked({*everybody, "somebody"})
+    assert one.name_on_bus == before
+    monkeypatch.setattr("skyrelay.pilot.bus.LACKING", 0.0)
+    one.stay_linked({*everybody, "somebody"})
+    assert one.name_on_bus != before
+    until(lambda: len(one.linked) == 2)
+    linked(two, "skyrelay/heard", heard)
+    assert until(lambda: two.ask("skyrelay/attended", b"still?", 5.0).answer()) == b"still?"
+    with pytest.raises(BusError, match="a name that no other peer has"):
+        two.claim("skyrelay/claimed")

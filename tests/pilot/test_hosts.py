@@ -1,13 +1,15 @@
 """Five hosts, each in a network namespace of its own, on one switch: what one machine's processes do, hosts do."""
 
 import os
+import re
 import subprocess
 import sys
 import threading
 import time
 
+import pyarrow.parquet as pq
 import pytest
-from town_of_processes import LAUNCH, decided, sets
+from town_of_processes import LAUNCH, audited, decided, once, sets
 
 pytestmark = pytest.mark.hosts
 
@@ -15,6 +17,8 @@ VARIABLES = {"SKYRELAY_KEYSTORE_PASSWORD": "of this trial", "SKYRELAY_PLAIN_HTTP
 WORLD = "10.77.0.1"
 KINDS = {"vehicles": "vehicle", "uavs-1": "uav", "uavs-2": "uav", "coordinator": "coordinator"}
 LONG = 240.0
+METRICS = "127.0.0.1:9464"
+HALVES = ["uavs-1", "uavs-2"]
 
 
 def ip(*words):
@@ -57,6 +61,20 @@ class Network:
         """``down`` cuts a host off, ``up`` brings it back."""
         ip("-n", self.inside("switch"), "link", "set", f"p{self.names.index(name) + 1}", state)
 
+    def part(self, names, isolated):
+        """``on`` cuts these hosts off from each other, though not from the rest; ``off`` heals it."""
+        for name in names:
+            port = f"p{self.names.index(name) + 1}"
+            ip("-n", self.inside("switch"), "link", "set", port, "type", "bridge_slave", "isolated", isolated)
+
+    def peers(self, name):
+        """To how many others a host is linked on the bus, by its metrics; None before it answers."""
+        read = f"import urllib.request; print(urllib.request.urlopen('http://{METRICS}/metrics').read().decode())"
+        command = ["ip", "netns", "exec", self.inside(name), sys.executable, "-c", read]
+        told = subprocess.run(command, capture_output=True, text=True, check=False).stdout
+        found = re.search(r"^skyrelay_peers\S* (\d+)", told, re.MULTILINE)
+        return int(found[1]) if found else None
+
     def remove(self):
         for process in self.processes:
             process.kill()
@@ -90,12 +108,16 @@ class Trial:
         self.hosts = folder.with_name(f"{folder.name}-hosts")
         for name, kind in KINDS.items():
             self.wait_for(f"{name} * is waited for")
-            network.skyrelay(name, "agent", kind, "--config", self.hosts / f"{name}.toml", stderr=subprocess.DEVNULL)
+            command = ("agent", kind, "--config", self.hosts / f"{name}.toml", "--metrics", METRICS)
+            network.skyrelay(name, *command, stderr=subprocess.DEVNULL)
 
     def wait_for(self, words):
         first, _, last = words.partition("*")
+        self.wait_until(lambda: any(first.strip() in line and last.strip() in line for line in list(self.lines)))
+
+    def wait_until(self, happens):
         until = time.monotonic() + LONG
-        while not any(first.strip() in line and last.strip() in line for line in list(self.lines)):
+        while not happens():
             assert time.monotonic() < until, self.lines
             assert self.world.poll() is None, self.lines
             time.sleep(0.02)
@@ -113,11 +135,26 @@ def test_five_hosts_decide_what_one_process_decides(run_folder, network, tmp_pat
         assert many[table] == one[table], table
 
 
-def test_a_host_that_is_cut_off_is_left_behind_and_comes_back(network, tmp_path):
-    trial = Trial(network, tmp_path / "up", "--wait", 2, "--set", "coordination.steps=240")
+def test_what_is_cut_in_two_or_off_flies_on_and_comes_together_again(network, tmp_path):
+    """First the two UAV hosts do not reach each other, of which one zone has a UAV on each; then nobody reaches one."""
+    folder = tmp_path / "up"
+    trial = Trial(network, folder, "--no-live", "--wait", 2, "--set", "coordination.steps=240")
     trial.wait_for("Chain and keys * s")
+    others = len(KINDS)  # the world, and the hosts but for itself
+    trial.wait_until(lambda: [network.peers(name) for name in HALVES] == [others, others])
+    network.part(HALVES, "on")
+    trial.wait_until(lambda: [network.peers(name) for name in HALVES] == [others - 1, others - 1])
+    network.part(HALVES, "off")
+    trial.wait_until(lambda: [network.peers(name) for name in HALVES] == [others, others])
     network.plug("uavs-2", "down")
     trial.wait_for("uavs-2 is gone; the others go on *")
     network.plug("uavs-2", "up")
     trial.wait_for("uavs-2 is back at step *")
     trial.end()
+    told = decided(folder)
+    once(told)
+    assert {row["period"] for row in told["proposals"] if row["accepted"]} == set(range(30))
+    uavs = pq.read_table(folder / "uavs.parquet").to_pandas()
+    fleet = uavs[(uavs.step == 0)]
+    assert set(fleet.zone[fleet.uav.isin(["u09", "u10"])]) == {5}  # the last of one host and the first of the other
+    audited(folder)

@@ -9,6 +9,7 @@ from skyrelay.chain.abi import ContractError, Event
 from skyrelay.chain.client import ProposalStatus
 from skyrelay.core.errors import ProtocolError
 from skyrelay.protocol.authority import ReputationAuthority
+from skyrelay.protocol.coordinator import ZoneCoordinator
 from skyrelay.protocol.messages import (
     Beacon,
     ChangeZone,
@@ -61,6 +62,49 @@ def test_one_that_is_started_again_stands_where_the_chain_says(town):
         else:
             assert began.state is lived.state
         assert getattr(began, "uav", None) == getattr(lived, "uav", None)
+
+
+def without_coordinators(town, *phases, step=0):
+    """Ticks at which they are away."""
+    agents = town.host.agents
+    town.host.agents = [agent for agent in agents if not isinstance(agent, ZoneCoordinator)]
+    town.tick(*phases, step=step)
+    town.host.agents = agents
+
+
+@pytest.mark.parametrize("away", [(Phase.ALLOCATE,), (Phase.ALLOCATE, Phase.DETERMINE), (Phase.DETERMINE,)])
+def test_a_coordinator_that_was_away_does_what_is_left_when_it_is_back(town, away):
+    town.tick(Phase.CLOSE, Phase.LAND, Phase.REPORT, Phase.PROPOSE)
+    for phase in (Phase.ALLOCATE, Phase.DETERMINE):
+        (without_coordinators if phase in away else type(town).tick)(town, phase)
+    for step in range(3):
+        moves = town.fly(step)
+    flying = {agent.address for agent in town.agents if agent.state is UavState.FLYING}
+    assert set(moves) == flying
+    assert len(flying) > 1
+    names = [event.name for event in town.events]
+    assert names.count("ZoneAllocated") == names.count("ModelAssigned") == 2  # of two zones, once each
+
+
+def test_a_coordinator_that_was_away_closes_the_period_before_a_new_one_opens(town):
+    town.select()
+    town.fly(0)
+    without_coordinators(town, Phase.CLOSE, Phase.LAND, step=1)
+    town.tick(Phase.REPORT, step=1)
+    town.tick(Phase.RATE, Phase.PROPOSE, Phase.ALLOCATE, Phase.DETERMINE, step=1)
+    names = [event.name for event in town.events]
+    assert names.count("ZoneListsReset") == 2
+    assert names.count("ModelAssigned") == 4
+    assert town.fly(1)
+
+
+def test_a_coordinator_does_not_ask_again_and_again_for_what_is_refused(town):
+    town.tick(Phase.CLOSE, Phase.LAND, Phase.REPORT, Phase.PROPOSE, Phase.ALLOCATE)
+    coordinator = next(agent for agent in town.agents if isinstance(agent, ZoneCoordinator))
+    (call,) = coordinator.receive(Tick(Phase.DETERMINE))
+    coordinator.receive(Refused(call, ContractError("determineMDRLModel", "NoModel", {})))
+    for step in range(3):
+        assert coordinator.receive(Tick(Phase.BEACON, step=step)) == ()
 
 
 def test_a_call_that_is_under_way_is_not_made_twice(town):

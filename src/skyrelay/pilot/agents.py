@@ -96,7 +96,7 @@ def run_agents(
         )
         host.catch_up()
         if metrics is not None:
-            server = _metrics(config.name, host, radio).serve(metrics, os.environ.get(METRICS_TOKEN) or None)
+            server = _metrics(config.name, host, radio, bus).serve(metrics, os.environ.get(METRICS_TOKEN) or None)
             say(f"metrics at {stack.enter_context(server).url}")
         flown: dict[str, FlownUav] = {}
         if airframe is not None:
@@ -126,13 +126,14 @@ def _moving(agents: Sequence[Agent]) -> list[str]:
     return [agent.address for agent in agents if isinstance(agent, VehicleAgent | UavAgent)]
 
 
-def _metrics(name: str, host: Host, radio: Radio) -> Metrics:
+def _metrics(name: str, host: Host, radio: Radio, bus: Bus) -> Metrics:
     """What a host counts."""
     metrics = Metrics(name)
     metrics.gauge("members", "Agents in this process", lambda: len(host.agents))
     metrics.counter("transactions", "Mined for these agents", lambda: host.transactions)
     metrics.counter("gas", "Used by these transactions", lambda: host.gas_used)
     metrics.counter("chain_wait_seconds", "Waited for the chain", lambda: host.chain_seconds)
+    metrics.gauge("peers", "On the bus, that this process is linked to", lambda: bus.peers)
     metrics.counter("beacons_admitted", "Beacons let in", lambda: radio.gate.admitted)
     metrics.counter("beacons_dropped", "Beacons dropped", radio.gate.dropped_by_reason, label="reason")
     return metrics

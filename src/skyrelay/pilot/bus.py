@@ -1,7 +1,9 @@
 """The bus between agents: Eclipse Zenoh peers without a broker; the only place that knows Zenoh.
 
 Endpoints are named, nothing is searched for by multicast. A peer that joins by one endpoint learns of the others there
-(gossip) and links to each directly, so that no peer stands in the way of two others. A link that breaks is made again.
+(gossip) and links to each directly, so that no peer stands in the way of two others. Zenoh makes a link to a named
+endpoint again whenever it breaks; one that it made by gossip it does not, so that a peer that lacks others joins anew
+(`Bus.stay_linked`).
 """
 
 from __future__ import annotations
@@ -10,11 +12,12 @@ import hashlib
 import heapq
 import itertools
 import json
+import math
 import queue
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from types import TracebackType
@@ -32,6 +35,8 @@ MOST_QUESTIONS = 1024
 CLAIM = 5.0
 """So long the others have to say that they hold a key [s]; without any, the answer comes at once."""
 ANY_PORT = "tcp/127.0.0.1:0"
+LACKING = 5.0
+"""So long another peer may be there without a link to it [s]; and, where joining anew has not helped, four times."""
 
 
 def uav_key(contract: str, zone: int | str = "*", uav: str = "*") -> str:
@@ -78,12 +83,14 @@ class Subscription:
     """Messages that wait to be taken: a bounded queue from which the oldest fall out.
 
     Attributes:
+        expression: of the keys under which they are published.
         overflowed: how many fell out before they were taken.
         oversized: how many were too long to be let in.
         lost: how many the weather took.
     """
 
-    def __init__(self, name: str, capacity: int, weather: Weather) -> None:
+    def __init__(self, name: str, expression: str, capacity: int, weather: Weather) -> None:
+        self.expression = expression
         self.overflowed = self.oversized = self.lost = 0
         self._name, self._capacity, self._weather = name, capacity, weather
         self._ready: deque[Arrival] = deque()
@@ -173,13 +180,13 @@ class Question:
         self.content = query.payload.to_bytes() if query.payload is not None else b""
 
     def answer(self, content: bytes) -> None:
-        """Answer it."""
-        with self._query as query:
+        """Answer it; one that came before this peer joined anew gets no answer, and is asked again."""
+        with suppress(zenoh.ZError), self._query as query:
             query.reply(query.key_expr, content)
 
     def refuse(self, reason: str) -> None:
         """Say why not."""
-        with self._query as query:
+        with suppress(zenoh.ZError), self._query as query:
             query.reply_err(reason.encode(errors="replace"))
 
 
@@ -218,12 +225,21 @@ class Bus:
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._subscriptions: list[Subscription] = []
         self._claims: list[zenoh.LivelinessToken] = []
+        self._queryables: list[tuple[str, Callable[[zenoh.Query], None]]] = []
+        self._held: list[str] = []
+        self._connect, self._listen, self._patience = list(connect), list(listen), patience
+        self._lacking: dict[str, float] = {}  # since when
+        self._joined = -math.inf
+        self._session = self._open()
+
+    def _open(self) -> zenoh.Session:
+        connect, listen, patience = self._connect, self._listen, self._patience
         config = zenoh.Config()
         settings = {
             "mode": "peer",
             "scouting/multicast/enabled": False,
-            "listen/endpoints": list(listen),
-            "connect/endpoints": list(connect),
+            "listen/endpoints": listen,
+            "connect/endpoints": connect,
             "connect/timeout_ms": round(1000 * patience),
             "connect/exit_on_failure": True,
             "transport/link/rx/max_message_size": LONGEST_QUESTION,
@@ -231,7 +247,7 @@ class Bus:
         for key, value in settings.items():
             config.insert_json5(key, json.dumps(value))
         try:
-            self._session = zenoh.open(config)
+            return zenoh.open(config)
         except zenoh.ZError as error:
             place = f"bus: connect {', '.join(connect)}" if connect else f"bus: listen {', '.join(listen)}"
             reason = str(error).split(" at /")[0].rstrip(". ")
@@ -239,9 +255,47 @@ class Bus:
             raise BusError(place, None, f"{wanted} ({reason})") from None
 
     @property
+    def name_on_bus(self) -> str:
+        """By which other peers know this one until it joins anew."""
+        return str(self._session.zid())
+
+    @property
+    def linked(self) -> list[str]:
+        """The names of those that this one is linked to."""
+        return [str(peer) for peer in self._session.info.peers_zid()]
+
+    def stay_linked(self, there: Collection[str]) -> None:
+        """Join anew where a link to one who is there has been lacking for some time, as after a network was cut in two.
+
+        It is not heard for a moment, and has another name then. Not for a thread beside one that asks or publishes.
+
+        Args:
+            there: names of those to whom whoever it joined by is linked.
+        Raises:
+            BusError: whoever it joined by has gone meanwhile.
+        """
+        now = time.monotonic()
+        lacks = set(there) - set(self.linked) - {self.name_on_bus}
+        self._lacking = {peer: self._lacking.get(peer, now) for peer in lacks}
+        if not any(now - since > LACKING for since in self._lacking.values()) or now - self._joined < 4 * LACKING:
+            return
+        self._session.close()  # type: ignore[no-untyped-call]
+        self._publishers.clear()
+        self._claims.clear()
+        self._session = self._open()
+        self._joined = time.monotonic()
+        self._lacking.clear()
+        for subscription in self._subscriptions:
+            self._hear(subscription)
+        for key, take in self._queryables:
+            self._session.declare_queryable(key, take)
+        for key in self._held:
+            self._claims.append(self._session.liveliness().declare_token(key))
+
+    @property
     def peers(self) -> int:
         """How many others this one is linked to."""
-        return len(self._session.info.peers_zid())
+        return len(self.linked)
 
     def publish(self, key: str, content: bytes) -> None:
         """Send to all who subscribe to a matching expression; who is out of reach misses it.
@@ -264,15 +318,19 @@ class Bus:
         Raises:
             BusError: the expression is none.
         """
-        subscription = Subscription(self._name, capacity, self._weather)
+        subscription = Subscription(self._name, expression, capacity, self._weather)
+        self._hear(subscription)
+        self._subscriptions.append(subscription)
+        return subscription
+
+    def _hear(self, subscription: Subscription) -> None:
+        expression, arrive = subscription.expression, subscription._arrive
         try:
-            self._session.declare_subscriber(expression, subscription._arrive, allowed_origin=zenoh.Locality.REMOTE)
+            self._session.declare_subscriber(expression, arrive, allowed_origin=zenoh.Locality.REMOTE)
         except zenoh.ZError as error:
             raise BusError(
                 "bus: key expression", expression, f"one of Zenoh's ({str(error).split(' at /')[0]})"
             ) from None
-        self._subscriptions.append(subscription)
-        return subscription
 
     def ask(self, key: str, content: bytes, timeout: float) -> Asked:
         """Ask whoever answers at a key; one that is gone, or silent for so long [s], gives no answer."""
@@ -289,6 +347,7 @@ class Bus:
                 self.failed += 1
 
         self._session.declare_queryable(key, take)
+        self._queryables.append((key, take))
         return questions
 
     def attend(self, key: str, answer: Callable[[bytes], bytes]) -> None:
@@ -324,6 +383,7 @@ class Bus:
         if any(reply.ok is not None for reply in liveliness.get(key, timeout=CLAIM)):
             raise BusError("bus", key, "a name that no other peer has now")
         self._claims.append(liveliness.declare_token(key))
+        self._held.append(key)
 
     def close(self) -> None:
         """Leave; the others see it."""

@@ -85,10 +85,11 @@ def run_free(
     """
     begin = clock.begin if clock.begin is not None else _begin(receivers, config.patience)
     contract = config.chain.contract
+    wall.set_by(receivers.time())
     for due in Timetable.of(config.resolved(), begin, clock.slot, clock.step):
-        wall.set_by(receivers.time())
         if wall.now() > due.end + clock.slot:
             continue
+        wall.set_by(receivers.time())
         wall.wait_until(due.begin)
         for uav in receivers.flown.values():
             if bus.peers:
@@ -98,6 +99,7 @@ def run_free(
         reply = work(host, radio, due.tick, {}, receivers)
         report = Report(name=config.name, step=due.tick.step, reply=reply)
         bus.ask(report_key(contract), report.encode(), ANSWER).answer()
+        bus.stay_linked(receivers.peers)
 
 
 def _begin(receivers: Receivers, patience: float) -> float:

@@ -368,6 +368,7 @@ def serve(
             question.refuse(str(error))
             raise
         question.answer(reply.encode())
+        bus.stay_linked(receivers.peers)
 
 
 def work(host: Host, radio: Radio, tick: Tick, sent_by_others: Mapping[str, int], receivers: Receivers) -> Reply:

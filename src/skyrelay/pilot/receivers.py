@@ -36,7 +36,7 @@ class Sky:
     def __init__(self, bus: Bus, contract: str, names: Sequence[str]) -> None:
         self.begin: float | None = None
         self.asked: set[str] = set()
-        self._names = frozenset(names)
+        self._bus, self._names = bus, frozenset(names)
         self._fixes: dict[str, Fix] = {}
         bus.attend(sky_key(contract), self._answer)
 
@@ -49,7 +49,7 @@ class Sky:
         if wanted.name in self._names:  # others may ask, and are not remembered
             self.asked.add(wanted.name)
         known = {member: FixMessage.of(fixes[member]) for member in wanted.members if member in fixes}
-        return FixesMessage(fixes=known, time=time.time(), begin=self.begin).encode()
+        return FixesMessage(fixes=known, time=time.time(), begin=self.begin, peers=self._bus.linked).encode()
 
 
 class Receivers:
@@ -60,6 +60,9 @@ class Receivers:
         members: addresses of those whom the world tells where they are.
         own: receivers of members that have one.
         flown: UAVs with an airframe, which knows where it is.
+
+    Attributes:
+        peers: those on the bus that the world is linked to, as it last said.
     """
 
     def __init__(
@@ -72,6 +75,7 @@ class Receivers:
         flown: Mapping[str, FlownUav] = MappingProxyType({}),
     ) -> None:
         self.flown = flown
+        self.peers: list[str] = []
         self._own: Mapping[str, PositionSource] = {**own, **flown}
         self._bus, self._key = bus, sky_key(contract)
         self._name, self._members = name, [member for member in members if member not in self._own]
@@ -104,4 +108,8 @@ class Receivers:
 
     def _ask(self, members: list[str]) -> FixesMessage | None:
         content = self._bus.ask(self._key, WhereMessage(name=self._name, members=members).encode(), ANSWER).answer()
-        return None if content is None else decode(FixesMessage, content)
+        if content is None:
+            return None
+        answer = decode(FixesMessage, content)
+        self.peers = answer.peers
+        return answer

@@ -121,11 +121,13 @@ class FixesMessage(_Message):
         fixes: by address.
         time: by their clock [s since 1970].
         begin: when the run begins, or began, where it goes by that clock [s since 1970].
+        peers: on the bus, those that the world is linked to.
     """
 
     fixes: dict[Address, FixMessage]
     time: Number
     begin: Number | None = None
+    peers: Annotated[list[str], Field(max_length=100_000)] = []
 
     def read(self) -> dict[str, Fix]:
         """The fixes."""

@@ -41,6 +41,7 @@ class ZoneCoordinator(Agent):
         self._piece = proposals_per_call
         self._undecided = False
         self._team: set[str] = set()
+        self._tried: set[str] = set()  # what it has done after its time in this period, each once
 
     @property
     def state(self) -> ZoneState:
@@ -50,13 +51,24 @@ class ZoneCoordinator(Agent):
     def undone(self, phase: Phase) -> bool:
         """See `Agent.undone`; by the contract's events, whoever it was that acted."""
         match phase:
-            case Phase.CLOSE:
+            case Phase.CLOSE | Phase.REPORT | Phase.RATE:
                 return self.state is not ZoneState.COLLECTING
             case Phase.ALLOCATE:
                 return self._undecided and self.state is not ZoneState.COORDINATING
             case Phase.DETERMINE:
-                return self.state is ZoneState.ALLOCATED and bool(self._team)
+                return self._lacks_model or self._is_late("allocate")
+            case Phase.BEACON:
+                return self._is_late("allocate") or self._is_late("determine")
         return False
+
+    @property
+    def _lacks_model(self) -> bool:
+        return self.state is ZoneState.ALLOCATED and bool(self._team)
+
+    def _is_late(self, what: str) -> bool:
+        """Whether it has yet to do something whose time is over, as when it was away then."""
+        left = self.undone(Phase.ALLOCATE) if what == "allocate" else self._lacks_model
+        return left and what not in self._tried
 
     def receive(self, message: Message) -> Sequence[Command]:
         """Take a message; see `Agent.receive`."""
@@ -76,10 +88,14 @@ class ZoneCoordinator(Agent):
         if not self.undone(tick.phase):
             return ()
         match tick.phase:
-            case Phase.CLOSE:
+            case Phase.CLOSE | Phase.REPORT | Phase.RATE:  # late, where the first did not come
                 return self._call(ResetZone(self.zone))
             case Phase.ALLOCATE:
                 return self._allocate()
+        if self._is_late("allocate"):
+            self._tried.add("allocate")
+            return self._allocate()
+        self._tried.add("determine")
         return self._call(DetermineModel(self.zone))
 
     def _allocate(self) -> Sequence[Command]:
@@ -111,3 +127,4 @@ class ZoneCoordinator(Agent):
                     self.machine.advance(ZoneMessage.RESET)
                 self._undecided = False
                 self._team.clear()
+                self._tried.clear()
