@@ -77,8 +77,8 @@ function union(first, second) {
   return [...first, ...second.filter((entry) => entry.type !== "constructor" && !known.has(JSON.stringify(entry)))];
 }
 
-function artifact(name, extra) {
-  const contract = output.contracts[`src/${name}.sol`][name];
+function artifact(name, extra, folder = "") {
+  const contract = output.contracts[`src/${folder}${name}.sol`][name];
   return {
     contractName: name,
     compiler: { name: "solc", version: solc.version().replace(/\.Emscripten.*/, ""), settings },
@@ -94,7 +94,8 @@ function artifact(name, extra) {
 }
 
 const extension = artifact("SkyRelayExtension");
-for (const result of [artifact("SkyRelay", extension), extension, artifact("OptimisticSelection")]) {
+const payment = ["SkyRelayPayments", "Credit"].map((name) => artifact(name, null, "payment/"));
+for (const result of [artifact("SkyRelay", extension), extension, artifact("OptimisticSelection"), ...payment]) {
   const path = join(folder, `${result.contractName}.json`);
   const shown = relative(resolve(root, ".."), path);
   const size = `${result.deployedBytecode.length / 2 - 1} bytes of code`;

@@ -46,12 +46,12 @@ abstract contract Fixture is Test, ISkyRelayTypes {
 
     /// @dev The compiled code that the package ships; for the coverage, what the sources give. No test contract has the
     /// contract in it: each would have it optimised anew, for minutes.
-    function code(string memory name) private view returns (bytes memory) {
+    function code(string memory name) internal view returns (bytes memory) {
         if (vm.envOr("SKYRELAY_FROM_SOURCE", false)) return vm.getCode(string.concat(name, ".sol"));
         return vm.getCode(string.concat("../src/skyrelay/chain/artifacts/", name, ".json"));
     }
 
-    function create(bytes memory creation) private returns (address created) {
+    function create(bytes memory creation) internal returns (address created) {
         assembly ("memory-safe") {
             created := create(0, add(creation, 0x20), mload(creation))
         }

@@ -13,6 +13,7 @@ import numpy as np
 
 from skyrelay.airspace.law import Law
 from skyrelay.audit.measures import check_charging, check_metrics, check_summary
+from skyrelay.audit.payments import check_payments
 from skyrelay.audit.tables import Compared, check_accounts, check_flight, check_periods, one_demand_each
 from skyrelay.chain.abi import Event
 from skyrelay.chain.accounts import signer
@@ -30,6 +31,7 @@ from skyrelay.runfolder.figures import over_the_run
 from skyrelay.runfolder.folder import STORE, SUMMARY
 from skyrelay.runfolder.manifest import MANIFEST, Manifest, entries, read_manifest
 from skyrelay.runfolder.reader import Run, read_rows, read_run
+from skyrelay.simulation.consortium import members_sign
 from skyrelay.store.cid import Cid
 from skyrelay.store.local import LocalStore
 
@@ -87,6 +89,7 @@ def audit_folder(folder: Path, progress: Progress = in_silence, *, head: str | N
     if law.places:
         check_charging(compared, run.charging, run.uavs, law)
     check_summary(compared, summary, told, tables, mined, law)
+    check_payments(compared, run, read_rows(folder, "payments"), report.blocks)
     progress("hashing the stored policies and drawing the page again")
     _check_store(compared, run, told.cids.values())
     _check_page(compared, run)
@@ -108,7 +111,7 @@ def _derivation(run: Run) -> Callable[[str], str] | None:
     """How the run's addresses follow from its names; None where keys that nobody has told give them."""
     if run.summary.chain_url is not None:
         return None
-    return signing_members().account if run.scenario.chain.signs else account_of
+    return signing_members().account if members_sign(run.scenario) else account_of
 
 
 def audit_node_folder(

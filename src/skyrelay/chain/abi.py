@@ -256,6 +256,18 @@ def optimistic_selection() -> Contract:
     return _compiled("OptimisticSelection")
 
 
+@lru_cache(maxsize=1)
+def payments() -> Contract:
+    """The compiled contract for payments, beside SkyRelay."""
+    return _compiled("SkyRelayPayments")
+
+
+@lru_cache(maxsize=1)
+def credit() -> Contract:
+    """The compiled token of a consortium without money of its own."""
+    return _compiled("Credit")
+
+
 def _compiled(name: str) -> Contract:
     text = (files("skyrelay.chain") / "artifacts" / f"{name}.json").read_text("utf-8")
     return Contract(json.loads(text))

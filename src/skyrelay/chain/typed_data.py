@@ -1,4 +1,4 @@
-"""What members and registrars sign off the chain for others to hand in: proposals and vouchers (EIP-712)."""
+"""What is signed off the chain for others to hand in: proposals, vouchers, receipts for payment (EIP-712)."""
 
 from __future__ import annotations
 
@@ -26,6 +26,13 @@ _PROPOSAL = (
 )
 _VOUCHER = (("member", "address"), ("kind", "uint8"), ("expires", "uint256"))
 _ACKNOWLEDGEMENT = (("proposal", "bytes32"), ("deadline", "uint256"))
+_RECEIPT = (
+    ("vehicle", "address"),
+    ("uav", "address"),
+    ("zone", "uint32"),
+    ("period", "uint32"),
+    ("amount", "uint96"),
+)
 UAV, VEHICLE = 1, 2
 """Kinds of members in a voucher."""
 
@@ -62,18 +69,16 @@ class SignedProposal:
 
     @property
     def packed(self) -> tuple[int, bytes, bytes]:
-        """Terms, r, and s with the parity of v in its first bit (EIP-2098), as `submitSigned` takes them."""
+        """Terms, r, and vs, as `submitSigned` takes them."""
         p = self.proposal
         terms = p.since << 128 | p.demand << 96 | p.payment << 64 | (p.y & 0xFFFFFFFF) << 32 | p.x & 0xFFFFFFFF
-        r, s, v = self.signature[:32], self.signature[32:64], self.signature[64]
-        return terms, r, (int.from_bytes(s, "big") | (v - 27) << 255).to_bytes(32, "big")
+        return terms, *compact(self.signature)
 
     @classmethod
     def unpacked(cls, uav: str, zone: int, round_: int, terms: int, r: str, vs: str) -> SignedProposal:
         """From what `submitSigned` was called with, `r` and `vs` as ``0x`` text; the inverse of `packed`."""
         x, y, payment, demand, since = ((terms >> 32 * place) & 0xFFFFFFFF for place in range(5))
-        s = int(vs, 16)
-        signature = bytes.fromhex(r[2:]) + (s & ((1 << 255) - 1)).to_bytes(32, "big") + bytes([27 + (s >> 255)])
+        signature = expanded(bytes.fromhex(r[2:]), bytes.fromhex(vs[2:]))
         return cls(Proposal(uav, zone, round_, _signed(x), _signed(y), payment, demand, since), signature)
 
     def digest(self, contract: str, chain_id: int) -> bytes:
@@ -98,6 +103,45 @@ class Voucher:
     kind: int
     expires: int
     signature: bytes = b""
+
+
+@dataclass(frozen=True, slots=True)
+class Receipt:
+    """What a vehicle owes a UAV so far for one period of a zone.
+
+    Attributes:
+        amount: in the token's unit.
+    """
+
+    vehicle: str
+    uav: str
+    zone: int
+    period: int
+    amount: int
+
+    def digest(self, payments: str, chain_id: int) -> bytes:
+        """What its two parties sign for one contract of payments: 32 bytes."""
+        return _digest(self.message(payments, chain_id))
+
+    def message(self, payments: str, chain_id: int) -> SignableMessage:
+        """The same, to be signed."""
+        return _message("Receipt", _RECEIPT, _fields(self, _RECEIPT), payments, chain_id, "SkyRelayPayments")
+
+    def signer(self, signature: bytes, payments: str, chain_id: int) -> str | None:
+        """Who has signed it; None where the bytes are no signature."""
+        return _recovered(self.digest(payments, chain_id), signature)
+
+
+def compact(signature: bytes) -> tuple[bytes, bytes]:
+    """r, and s with the parity of v in its first bit (EIP-2098), of a signature of 65 bytes: r, s, v."""
+    r, s, v = signature[:32], signature[32:64], signature[64]
+    return r, (int.from_bytes(s, "big") | (v - 27) << 255).to_bytes(32, "big")
+
+
+def expanded(r: bytes, vs: bytes) -> bytes:
+    """The signature of 65 bytes; the inverse of `compact`."""
+    s = int.from_bytes(vs, "big")
+    return r + (s & ((1 << 255) - 1)).to_bytes(32, "big") + bytes([27 + (s >> 255)])
 
 
 def sign_proposal(keyring: Keyring, vehicle: str, proposal: Proposal, contract: str, chain_id: int) -> SignedProposal:
@@ -144,14 +188,19 @@ def _recovered(digest: bytes, signature: bytes) -> str | None:
     return recovered(digest, signature[:64] + bytes([signature[64] - 27]))
 
 
-def _fields(source: Proposal | Voucher, types: tuple[tuple[str, str], ...]) -> dict[str, Any]:
+def _fields(source: Proposal | Voucher | Receipt, types: tuple[tuple[str, str], ...]) -> dict[str, Any]:
     return {name: getattr(source, name) for name, _ in types}
 
 
 def _message(
-    name: str, types: tuple[tuple[str, str], ...], values: Mapping[str, Any], contract: str, chain_id: int
+    name: str,
+    types: tuple[tuple[str, str], ...],
+    values: Mapping[str, Any],
+    contract: str,
+    chain_id: int,
+    of: str = "SkyRelay",
 ) -> SignableMessage:
-    domain = {"name": "SkyRelay", "version": "1", "chainId": chain_id, "verifyingContract": contract}
+    domain = {"name": of, "version": "1", "chainId": chain_id, "verifyingContract": contract}
     fields = {name: [{"name": field, "type": kind} for field, kind in types]}
     return encode_typed_data(domain, fields, dict(values))
 

@@ -374,6 +374,21 @@ class ChargingPoint(_Section):
     power: Annotated[Real, Field(ge=1, le=1e6)] = Field(300.0, description="of each place [W]")
 
 
+class Payments(_Section):
+    """What vehicles pay for what UAVs carry; off, as in the paper, an offer of payment only ranks."""
+
+    enabled: bool = Field(False, description="deposits, receipts in flight, a settlement each period")
+    deposit_periods: Annotated[Whole, Field(ge=2, le=1000)] = Field(
+        3, description="prices of a full period that a vehicle keeps deposited; two can be locked at a time"
+    )
+    receipt_steps: Annotated[Whole, Field(ge=1, le=1000)] = Field(
+        4, description="between two receipts [steps]: what a UAV serves on credit"
+    )
+    window: Annotated[Whole, Field(ge=1, le=31_536_000)] = Field(
+        60, description="that a UAV has for its receipts after a period, and that a withdrawal waits [s]"
+    )
+
+
 class Chain(_Section):
     """Where the contract lives."""
 
@@ -449,6 +464,7 @@ class Scenario(_Section):
     map: Map = Map()
     chain: Chain = Chain()
     store: Store = Store()
+    payment: Payments = Payments()
 
     @model_validator(mode="before")
     @classmethod
@@ -490,6 +506,13 @@ class Scenario(_Section):
                 f"vehicles and UAVs times coordination.steps of at most {MAX_POSITIONS:,} "
                 f"({members:,} x {self.coordination.steps:,} are more)"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _paid_by_the_contract(self) -> Scenario:
+        """Prices are locked by what SkyRelay's own allocation has decided."""
+        if self.payment.enabled and self.chain.allocation != "strict":
+            raise ValueError(f"payment.enabled with chain.allocation = \"strict\" ({self.chain.allocation!r})")
         return self
 
     @model_validator(mode="after")

@@ -161,6 +161,8 @@ def up(
         raise by_the_contract_only()
     if scenario.chain.allocation != "strict":
         raise UsageError("chain.allocation", scenario.chain.allocation, "strict: hosts have no book of claims")
+    if scenario.payment.enabled:
+        raise UsageError("payment.enabled", True, "false: so far receipts are exchanged in `skyrelay run` alone")
     begin = time.monotonic()
     with ExitStack() as stack:
         if nodes:

@@ -122,6 +122,21 @@ SCHEMAS: dict[str, pa.Schema] = {
     ),
     # Whose account an address is; kind is vehicle, uav or party.
     "accounts": pa.schema({"name": _TEXT, "address": _TEXT, "kind": _TEXT}),
+    # One row for each agreement of a vehicle with its UAV for a period, where vehicles pay; in thousandths of a cent.
+    # price: of the full period, locked of the deposit; due: by what was carried; signed: by the vehicle's last receipt;
+    # paid: by the contract.
+    "payments": pa.schema(
+        {
+            "period": _I32,
+            "zone": _I32,
+            "vehicle": _TEXT,
+            "uav": _TEXT,
+            "price": _I64,
+            "due": _I64,
+            "signed": _I64,
+            "paid": _I64,
+        }
+    ),
     # The corners of each street in order, for the page; streets are numbered from 0. Not there where none were named.
     "streets": pa.schema({"street": _I32, "x": _F64, "y": _F64}),
     # One row for each UAV that is away to be charged at a step; state is "under way", "waiting" (landed, and all places
@@ -131,7 +146,7 @@ SCHEMAS: dict[str, pa.Schema] = {
     "events": pa.schema({"block": _I64, "tx": _I32, "log": _I32, "step": _I32, "name": _TEXT, "args": _TEXT}),
 }
 
-OPTIONAL = frozenset({"streets", "charging"})
+OPTIONAL = frozenset({"charging", "payments", "streets"})
 """Tables that are written only where they have rows."""
 
 CHARGING_STATES = frozenset({"under way", "waiting", "charging", "full"})

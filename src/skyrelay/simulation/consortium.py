@@ -26,6 +26,8 @@ from skyrelay.protocol.model_card import chain_card
 from skyrelay.protocol.relay import Relay
 from skyrelay.protocol.rule import MARK, Decider, Rule
 from skyrelay.runfolder.folder import CHAIN, STORE
+from skyrelay.simulation.payment import Cashier
+from skyrelay.simulation.world import World
 from skyrelay.store.cid import Cid
 from skyrelay.store.kubo import KuboStore
 from skyrelay.store.local import LocalStore
@@ -90,7 +92,7 @@ class Consortium:
         url = scenario.store.url
         self.store: ModelStore = KuboStore(url) if url else LocalStore(folder / STORE)
         self.hangar = Hangar(scenario)
-        self.chain, self._keyring = _open_chain(scenario.chain, folder)
+        self.chain, self._keyring = _open_chain(scenario.chain, folder, signs=members_sign(scenario))
         self._signs = scenario.chain.signs
         self._elsewhere = dict(elsewhere or {})
         self.administrator, self.coordinator, self.publisher, self.authority = map(self.account, PARTIES)
@@ -114,6 +116,12 @@ class Consortium:
         if name in self._elsewhere:
             return self._elsewhere[name]
         return self.chain.account(name) if self._keyring is None else self._keyring.account(name)
+
+    def cashier(self, world: World) -> Cashier | None:
+        """What settles the run's payments, with its contract deployed; None where nobody pays."""
+        if not world.scenario.payment.enabled or self._keyring is None:
+            return None
+        return Cashier.found(world, self.client, self.administrator, self._keyring)
 
     @property
     def relay(self) -> Relay | None:
@@ -179,15 +187,20 @@ def chain_facts(chain: EmbeddedChain | NodeChain, contract: str) -> dict[str, An
     return {"blocks": number, "chain_head": head, "contract": contract, "chain_id": chain_id}
 
 
-def _open_chain(config: ChainConfig, folder: Path) -> tuple[EmbeddedChain | NodeChain, Keyring | None]:
+def _open_chain(config: ChainConfig, folder: Path, *, signs: bool) -> tuple[EmbeddedChain | NodeChain, Keyring | None]:
     """The chain, and the keys of this host's members; an embedded chain's have some where they sign."""
     if config.url is None:
-        return EmbeddedChain(folder / CHAIN), signing_members() if config.signs else None
+        return EmbeddedChain(folder / CHAIN), signing_members() if signs else None
     keyring = Keyring.open(Path(config.keystore)) if config.keystore else Keyring.ephemeral()
     urls = [url.strip() for url in config.url.split(",")]
     root = TrustRoot.of(config.validators or ())
     chain = NodeChain(urls, keyring, chain_id=config.chain_id, root=root, confirmations=config.confirmations)
     return chain, keyring
+
+
+def members_sign(scenario: Scenario) -> bool:
+    """Whether members sign anything but transactions, so that those of an embedded chain need keys, too."""
+    return scenario.chain.signs or scenario.payment.enabled
 
 
 def deciders(scenario: Scenario) -> list[Policy] | list[Rule]:

@@ -60,8 +60,11 @@ class Record:
         if proposals:
             self._tables.add("proposals", **{column: [row[column] for row in proposals] for column in proposals[0]})
 
-    def step(self, step: int) -> None:
-        """Everyone's place at a step, and how well every zone is served."""
+    def step(self, step: int) -> FloatArray:
+        """Everyone's place at a step, and how well every zone is served.
+
+        Returns: [V] what each vehicle's link to its UAV holds of its demand [kbit/s].
+        """
         x, y = self._tracks.x[step], self._tracks.y[step]
         flying, hovering = self._flying, self._hovering
         got, in_zones = flying.measure(x, y)
@@ -131,6 +134,7 @@ class Record:
             static_selected=hovering.flight.selected,
         )
         self._charging(step)
+        return got.carried
 
     def _charging(self, step: int) -> None:
         """Who is away to be charged at a step."""
@@ -145,6 +149,11 @@ class Record:
                 state=states,
                 battery=fleet.battery[rows],
             )
+
+    def payments(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """What vehicles paid for a period."""
+        for row in rows:
+            self._tables.add("payments", **row)
 
     def figures(self) -> dict[str, float | None]:
         """Those of the run so far that its tables give."""

@@ -36,6 +36,7 @@ from skyrelay.selection import select
 from skyrelay.selection.methods import require_method
 from skyrelay.simulation.consortium import Consortium, chain_facts
 from skyrelay.simulation.flight import NOBODY
+from skyrelay.simulation.payment import Cashier
 from skyrelay.simulation.record import Record
 from skyrelay.simulation.team import METHOD_SECONDS, Team
 from skyrelay.simulation.world import World
@@ -117,6 +118,7 @@ def play(
         host.chain_seconds += time.monotonic() - founded
         for event in consortium.client.events():
             run.hear(event)
+        run.cashier = consortium.cashier(world)
         run.play(progress)
         progress.stage("Record", 1)
         facts = chain_facts(consortium.chain, consortium.client.address)
@@ -160,11 +162,13 @@ class Run:
 
     Attributes:
         hosts: of the agents; given before the first tick.
+        cashier: settles what vehicles pay; None where they do not.
         events: of the contract, each with its step.
         written: the tables so far.
     """
 
     hosts: Hosts
+    cashier: Cashier | None = None
 
     def __init__(self, world: World, account: Callable[[str], str]) -> None:
         require_method(world.scenario.selection.method)
@@ -209,10 +213,14 @@ class Run:
                 self.fly(period, step)
                 progress.advance()
             self._note_period(period)
+        if self.cashier is not None:
+            self.written.payments(self.cashier.settle(self._timestamp()))
 
     def select(self, period: int, step: int) -> None:
         """One selection period: records brought up to date, proposals, allocation, a policy for each zone."""
         self.periods = period + 1
+        if self.cashier is not None:
+            self.written.payments(self.cashier.settle(self._timestamp()))
         self._tick(Phase.CLOSE, period)
         self._land(period)
         self._tick(Phase.REPORT, period)
@@ -220,6 +228,8 @@ class Run:
             self._tick(Phase.DISPATCH, period)
             self._station()
         self._tick(Phase.RATE, period)
+        if self.cashier is not None:
+            self.cashier.deposit(np.flatnonzero(np.isfinite(self.tracks.x[step])), self._timestamp())
         views = [view for zone in self.world.law.grid.ids if (view := self.hosts.view(zone)) is not None]
         self._fleet_order = [self._name_of(address) for view in views for address in view.uavs.ids]
         if self.scenario.selection.method != "two-sided":
@@ -236,6 +246,8 @@ class Run:
         self._tick(Phase.DETERMINE, period)
         self._note_choices(period)
         self.flying.assign(self._owner(period))
+        if self.cashier is not None:
+            self.cashier.open(period, self._owner(period), self._timestamp())
         self.hovering.assign(
             self.hovering.selection(self.tracks, self.world.members, step, self.scenario.seed + period)
         )
@@ -254,13 +266,19 @@ class Run:
         self._tell_positions()
         self._land(period)
         self.flying.correct(self._owner(period))
-        self.written.step(self.step)
+        carried = self.written.step(self.step)
+        if self.cashier is not None:
+            self.cashier.carry(carried)
 
     def _tick(self, phase: Phase, period: int = 0, round_: int = 1) -> None:
         now = self.step * self.scenario.coordination.step_seconds
         # A step's row is written before its beacons: what is heard with them shows in the next one.
         self.shown = self.step + (phase in {Phase.BEACON, Phase.DECIDE})
-        self.hosts.tick(Tick(phase, period, round_, self.step, now), timestamp=1 + math.floor(now))
+        self.hosts.tick(Tick(phase, period, round_, self.step, now), self._timestamp())
+
+    def _timestamp(self) -> int:
+        """Of the embedded chain's next blocks [s]."""
+        return 1 + math.floor(self.step * self.scenario.coordination.step_seconds)
 
     def _land(self, period: int) -> None:
         """UAVs whose battery lasts no longer leave: the flying fleet's by the chain, the comparator's do not ask."""

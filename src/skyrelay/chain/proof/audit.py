@@ -57,6 +57,7 @@ class AuditReport:
         told: these, and before the claims' those that they stand for.
         gas: of each transaction to the contract after its founding, on the embedded chain.
         timestamps: of the embedded chain's blocks [s], by number.
+        blocks: of the embedded chain, as they were executed again.
     """
 
     subject: str
@@ -68,6 +69,7 @@ class AuditReport:
     told: list[Event] = field(default_factory=list)
     gas: list[int] = field(default_factory=list)
     timestamps: dict[int, int] = field(default_factory=dict)
+    blocks: Sequence[Block] = ()
 
     @property
     def agrees(self) -> bool:
@@ -124,6 +126,7 @@ def audit_run(folder: Path, progress: Progress = in_silence, *, head: str | None
     events = report.events = _follow(logs, transactions, times, address, done.chain_id, report)
     _check_claims_contracts(address, transactions, events, report)
     report.gas = _gas(done.blocks, address, events)
+    report.blocks = done.blocks
     progress("comparing the tables")
     _compare_events(folder, events, report)
     return report
