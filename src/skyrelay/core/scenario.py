@@ -512,7 +512,7 @@ class Scenario(_Section):
     def _paid_by_the_contract(self) -> Scenario:
         """Prices are locked by what SkyRelay's own allocation has decided."""
         if self.payment.enabled and self.chain.allocation != "strict":
-            raise ValueError(f"payment.enabled with chain.allocation = \"strict\" ({self.chain.allocation!r})")
+            raise ValueError(f'payment.enabled with chain.allocation = "strict" ({self.chain.allocation!r})')
         return self
 
     @model_validator(mode="after")
