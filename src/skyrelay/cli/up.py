@@ -36,6 +36,15 @@ def command(
     address: Annotated[
         str, typer.Option("--address", metavar="IP", help="Of this machine, where chain and bus are reached.")
     ] = "127.0.0.1",
+    bus_tls: Annotated[
+        Path | None,
+        typer.Option(
+            "--bus-tls",
+            metavar="DIR",
+            help="Encrypt the bus, with ca.pem, host.pem and host-key.pem of this folder.",
+            show_default=False,
+        ),
+    ] = None,
     elsewhere: Annotated[
         list[Kind] | None,
         typer.Option("--elsewhere", help="A kind of host that is started by hand, on this machine or another."),
@@ -134,6 +143,7 @@ def command(
             clock=clock,
             nodes=Nodes(validators, target.with_name(f"{target.name}-devnet"), force, kubo),
             live=a_port(8765) if live else None,
+            tls=bus_tls,
         )
     if as_json:
         print_result(summary, as_json)

@@ -82,7 +82,16 @@ def run_agents(
     at = config.bus
     with ExitStack() as stack:
         asked = config.clock is None  # in lock-step: whoever is asked waits for what others sent
-        bus = stack.enter_context(Bus(config.name, at.connect, at.listen, weather=at.weather(), lossless=asked))
+        bus = stack.enter_context(
+            Bus(
+                config.name,
+                at.connect,
+                at.listens(),
+                weather=at.weather(),
+                lossless=asked,
+                certificates=at.certificates(),
+            )
+        )
         zones = {keyring.account(uav.name): uav.zone for uav in config.uav} if kind == "uav" else {}
         radio = Radio(bus, (access.contract, access.chain_id), keyring, zones, config.law().patience)
         host = Host(

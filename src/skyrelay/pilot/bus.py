@@ -20,6 +20,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 
 import zenoh
@@ -55,6 +56,20 @@ class Arrival:
 
     key: str
     content: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Certificates:
+    """What a peer shows others, and by what it knows them: files in PEM.
+
+    Attributes:
+        authority: that has signed the certificate of every peer.
+        certificate, key: this host's; it is issued for the address at which others reach it.
+    """
+
+    authority: Path
+    certificate: Path
+    key: Path
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +205,27 @@ class Question:
             query.reply_err(reason.encode(errors="replace"))
 
 
+def _encrypted(files: Certificates) -> dict[str, object]:
+    """Zenoh's settings for links that both ends show a certificate on.
+
+    Raises:
+        BusError: a file is not there.
+    """
+    for path in (files.authority, files.certificate, files.key):
+        if not path.is_file():
+            raise BusError(f"bus: {path}", None, "a file in PEM")
+    tls = "transport/link/tls"
+    return {
+        "transport/link/protocols": ["tls"],
+        f"{tls}/root_ca_certificate": str(files.authority),
+        f"{tls}/enable_mtls": True,
+        f"{tls}/verify_name_on_connect": True,
+        f"{tls}/close_link_on_expiration": True,
+        **{f"{tls}/{end}_certificate": str(files.certificate) for end in ("listen", "connect")},
+        **{f"{tls}/{end}_private_key": str(files.key) for end in ("listen", "connect")},
+    }
+
+
 class Bus:
     """A peer.
 
@@ -200,6 +236,7 @@ class Bus:
         weather: put on all that it takes.
         lossless: hold up who publishes rather than drop what a hearer cannot take yet, as lock-step needs.
         patience: until the first link to one of ``connect`` stands [s].
+        certificates: links are encrypted, and only with peers whom the same authority knows; endpoints are ``tls/...``.
 
     Attributes:
         failed: how many questions could not be answered at all.
@@ -216,6 +253,7 @@ class Bus:
         weather: Weather | None = None,
         lossless: bool = False,
         patience: float = 10.0,
+        certificates: Certificates | None = None,
     ) -> None:
         self._name = name
         self.failed = 0
@@ -228,6 +266,7 @@ class Bus:
         self._queryables: list[tuple[str, Callable[[zenoh.Query], None]]] = []
         self._held: list[str] = []
         self._connect, self._listen, self._patience = list(connect), list(listen), patience
+        self._certificates = certificates
         self._lacking: dict[str, float] = {}  # since when
         self._joined = -math.inf
         self._session = self._open()
@@ -243,6 +282,7 @@ class Bus:
             "connect/timeout_ms": round(1000 * patience),
             "connect/exit_on_failure": True,
             "transport/link/rx/max_message_size": LONGEST_QUESTION,
+            **({} if self._certificates is None else _encrypted(self._certificates)),
         }
         for key, value in settings.items():
             config.insert_json5(key, json.dumps(value))

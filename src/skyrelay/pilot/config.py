@@ -14,7 +14,7 @@ from skyrelay.core.resolved import ResolvedScenario, resolve
 from skyrelay.core.scenario import load_scenario
 from skyrelay.core.untrusted import parse_toml
 from skyrelay.core.zones import ZoneGrid
-from skyrelay.pilot.bus import ANY_PORT, Weather
+from skyrelay.pilot.bus import ANY_PORT, Certificates, Weather
 
 Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[\w.:-]+$")]
 Address = Annotated[str, Field(pattern=r"^0x[0-9a-f]{40}$")]
@@ -66,14 +66,47 @@ class StoreAccess(Table):
         return self
 
 
+class Tls(Table):
+    """Certificates for links that are encrypted, in PEM; relative paths start from the folder of the host's file."""
+
+    authority: str = Field(description="that has signed the certificate of every host")
+    certificate: str = Field(description="of this host, for the address at which others reach it")
+    key: str = Field(description="of this host")
+
+
 class BusAccess(Table):
     """Where this host is reached on the bus, and by whom it finds the others."""
 
     listen: list[Endpoint] = [ANY_PORT]
     connect: list[Endpoint] = []
+    tls: Tls | None = None
     loss: Annotated[float, Field(ge=0, lt=1)] = Field(0.0, description="share of the beacons that are lost, for trials")
     delay: Annotated[float, Field(ge=0, le=60)] = Field(0.0, description="of the others, for trials [s]")
     seed: int = Field(0, description="of what is lost")
+
+    @model_validator(mode="after")
+    def _all_or_none(self) -> BusAccess:
+        for endpoint in (*self.listen, *self.connect):
+            if endpoint != ANY_PORT and endpoint.startswith("tls/") != (self.tls is not None):
+                raise ValueError("tls = {...} and nothing but tls/ endpoints, or neither")
+        return self
+
+    def listens(self) -> list[str]:
+        """Where this host is reached."""
+        return [ANY_PORT.replace("tcp/", "tls/") if self.tls and e == ANY_PORT else e for e in self.listen]
+
+    def certificates(self) -> Certificates | None:
+        """What this host shows others."""
+        if self.tls is None:
+            return None
+        return Certificates(Path(self.tls.authority), Path(self.tls.certificate), Path(self.tls.key))
+
+    def placed(self, folder: Path) -> BusAccess:
+        """With the files where they are, seen from a folder."""
+        if self.tls is None:
+            return self
+        tls = {name: str(folder / path) for name, path in self.tls.model_dump().items()}
+        return self.model_copy(update={"tls": Tls(**tls)})
 
     def weather(self) -> Weather:
         """What is put on this host's beacons."""
@@ -205,7 +238,8 @@ def load_world(path: Path) -> WorldConfig:
     Raises:
         UsageError: naming the first key that does not fit.
     """
-    return read_table(path, WorldConfig)
+    config = read_table(path, WorldConfig)
+    return config.model_copy(update={"bus": config.bus.placed(path.resolve().parent)})
 
 
 def load_config(path: Path, members: Sequence[str] = ()) -> HostConfig:
@@ -239,6 +273,7 @@ def _placed(config: HostConfig, folder: Path) -> HostConfig:
         update={
             "scenario": str(folder / config.scenario),
             "chain": chain.model_copy(update={"keystore": str(folder / chain.keystore)}),
+            "bus": config.bus.placed(folder),
             "store": store if store.path is None else store.model_copy(update={"path": str(folder / store.path)}),
         }
     )

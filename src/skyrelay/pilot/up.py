@@ -43,6 +43,8 @@ START = 60.0
 LATEST = 3600.0
 """So long the hosts may take that people start elsewhere [s]."""
 LOOPBACK = "127.0.0.1"
+TLS = {"authority": "ca.pem", "certificate": "host.pem", "key": "host-key.pem"}
+"""The files of a machine's certificates, as they are named in its folder."""
 TOKEN = "SKYRELAY_CHAIN_TOKEN"  # noqa: S105  (the variable's name)
 
 
@@ -135,6 +137,7 @@ def up(
     clock: ClockConfig | None = None,
     nodes: Nodes = Nodes(),
     live: int | None = None,
+    tls: Path | None = None,
 ) -> dict[str, Any]:
     """Start all of it, play the scenario in lock-step, and leave a run folder as `skyrelay.simulation.play` does.
 
@@ -153,6 +156,7 @@ def up(
         clock: by which the hosts go by themselves; None: the world asks them, in lock-step.
         nodes: the real node programs in place of our own parts.
         live: the port on loopback at which a page shows the fleet; None for no page.
+        tls: the folder of this machine's certificates (`TLS`), where links on the bus are encrypted.
     Returns: the summary, as in ``summary.json``.
     Raises:
         UsageError, TraceError, ModelError, StoreError, ChainError, BusError: naming what was wrong with what.
@@ -174,7 +178,7 @@ def up(
         progress.stage("Chain and keys", 1)
         password = os.environ.get(PASSWORD) or secrets.token_urlsafe(32)
         token = secrets.token_urlsafe(32)
-        endpoint = f"tcp/{address}:{free_port(address)}"
+        on_bus = _bus_of(f"{'tcp' if tls is None else 'tls'}/{address}:{free_port(address)}", tls)
         playing = threading.Event()
 
         def lost(name: str) -> None:
@@ -200,7 +204,7 @@ def up(
             # Their files come now, since who starts a host by hand may wait for its file alone.
             for place in places:
                 there = place.kind in elsewhere
-                path = _write_config(place, world, consortium, hosts, url, endpoint, there, clock, scenario.store.url)
+                path = _write_config(place, world, consortium, hosts, url, on_bus, there, clock, scenario.store.url)
                 command = ["agent", place.kind, "--config", str(path)]
                 if place.kind == "uav" and is_code(scenario.coordination.policy):
                     command += ["--policy", scenario.coordination.policy]
@@ -209,7 +213,7 @@ def up(
                 else:
                     children.start(place.name, command, again=True)
 
-        watch = _write_watch(world, consortium, hosts, url, endpoint, accounts)
+        watch = _write_watch(world, consortium, hosts, url, on_bus, accounts)
         file = hosts / f"{NAME}.toml"
         settings = {
             "folder": str(folder.resolve()),
@@ -223,7 +227,7 @@ def up(
             **({} if speed is None else {"speed": speed}),
             **({} if clock is None else {"clock": clock.model_dump(exclude_defaults=True)}),
         }
-        _write_world(file, settings, consortium, url, endpoint)
+        _write_world(file, settings, consortium, url, on_bus)
         told = map(json.loads, children.follow(NAME, ["world", "--config", str(file)]))
         try:
             next(told)  # its end of the bus is there, which the hosts join by
@@ -390,7 +394,7 @@ def _chain_of(world: World, consortium: Consortium, url: str) -> dict[str, Any]:
 
 
 def _write_watch(
-    world: World, consortium: Consortium, hosts: Path, url: str, bus: str, accounts: dict[str, str]
+    world: World, consortium: Consortium, hosts: Path, url: str, bus: dict[str, Any], accounts: dict[str, str]
 ) -> Path:
     """The file of whoever looks on (`skyrelay live`): it has no key."""
     plane = world.tracks.plane
@@ -399,7 +403,7 @@ def _write_watch(
         "area": asdict(world.law.grid),
         **({} if plane is None else {"plane": plane}),
         "chain": _chain_of(world, consortium, url),
-        "bus": {"connect": [bus]},
+        "bus": bus,
         "members": {address: name for name, address in accounts.items()},
     }
     path = hosts / "live.toml"
@@ -413,7 +417,7 @@ def _write_config(
     consortium: Consortium,
     hosts: Path,
     url: str,
-    bus: str,
+    bus: dict[str, Any],
     elsewhere: bool,
     clock: ClockConfig | None,
     store_url: str | None,
@@ -426,7 +430,7 @@ def _write_config(
         "area": asdict(world.law.grid),
         "chain": _chain_of(world, consortium, url) | {"keystore": f"{place.name}.keystore"},
         "store": {"url": store_url} if store_url else {"path": consortium.store.place.removeprefix("store ")},
-        "bus": {"connect": [bus]} | ({"listen": ["tcp/0.0.0.0:0"]} if elsewhere else {}),
+        "bus": _elsewhere(bus) if elsewhere else bus,
         **place.table,
     }
     path = hosts / f"{place.name}.toml"
@@ -434,7 +438,20 @@ def _write_config(
     return path
 
 
-def _write_world(file: Path, settings: dict[str, Any], consortium: Consortium, url: str, bus: str) -> None:
+def _bus_of(endpoint: str, tls: Path | None) -> dict[str, Any]:
+    """The table of a file on this machine that says where the bus is."""
+    files = {} if tls is None else {"tls": {what: str(tls.resolve() / name) for what, name in TLS.items()}}
+    return {"connect": [endpoint], **files}
+
+
+def _elsewhere(bus: dict[str, Any]) -> dict[str, Any]:
+    """The same for another machine, whose certificates are beside its file."""
+    if "tls" not in bus:
+        return bus | {"listen": ["tcp/0.0.0.0:0"]}
+    return bus | {"listen": ["tls/0.0.0.0:0"], "tls": dict(TLS)}
+
+
+def _write_world(file: Path, settings: dict[str, Any], consortium: Consortium, url: str, bus: dict[str, Any]) -> None:
     """The file that the world's process is started with."""
     access = {
         "urls": url.split(","),
@@ -445,6 +462,6 @@ def _write_world(file: Path, settings: dict[str, Any], consortium: Consortium, u
         "scenario": str(file.with_name("scenario.toml").resolve()),
         **settings,
         "chain": access,
-        "bus": {"listen": [bus]},
+        "bus": {"listen": bus["connect"], **({"tls": bus["tls"]} if "tls" in bus else {})},
     }
     write_text(file, tomli_w.dumps(tree), private=True)

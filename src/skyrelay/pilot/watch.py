@@ -71,7 +71,8 @@ def load_watch(path: Path) -> WatchConfig:
         UsageError: naming the first key that does not fit.
     """
     config = read_table(path, WatchConfig)
-    return config.model_copy(update={"scenario": str(path.resolve().parent / config.scenario)})
+    folder = path.resolve().parent
+    return config.model_copy(update={"scenario": str(folder / config.scenario), "bus": config.bus.placed(folder)})
 
 
 class Watch:
@@ -105,7 +106,8 @@ class Watch:
         contract = (access.contract, access.chain_id)
         uavs, vehicles = self.picture.uavs, self.picture.vehicles
         self.gate = BeaconGate(contract, uavs, vehicles, set(grid.ids), patience=self._law.patience)
-        self._bus = Bus("onlooker", config.bus.connect, config.bus.listen, weather=config.bus.weather())
+        at = config.bus
+        self._bus = Bus("onlooker", at.connect, at.listens(), weather=at.weather(), certificates=at.certificates())
         self._heard = [self._bus.subscribe(key(access.contract), WAITING) for key in (uav_key, vehicle_key)]
         now = time.monotonic()
         self._next_block, self._mined, self._answers = 0, now, True

@@ -35,7 +35,8 @@ def run_world(config: WorldConfig, say: Callable[[str], None], progress: Progres
         TraceError, ChainError, BusError: naming what was wrong with what; a host that does not come is such.
     """
     access = config.chain
-    with Bus(NAME, config.bus.connect, config.bus.listen) as bus:
+    at = config.bus
+    with Bus(NAME, at.connect, at.listens(), certificates=at.certificates()) as bus:
         progress.advance(0)  # the bus is there
         world = World.of(load_scenario(config.scenario))
         world = replace(world, scenario=without_credentials(on_chain(world.scenario, ",".join(access.urls))))
