@@ -56,6 +56,8 @@ def test_a_single_kind_is_held_against_hovering(make):
     groups = groups_of([make("a1", 1, 10.0), make("a2", 2, 20.0)], hovering=True)
     assert [group.label for group in groups] == ["hovering", "flying"]
     assert row(table(groups), "in_range", "flying")["difference_mean"] == pytest.approx(3.0)
+    for measure in ("carried_mbps", "delivered_mbps", "fairness", "handovers"):
+        assert row(table(groups), measure, "hovering")["seeds"] == 2
     assert row(table(groups), "gas_used", "flying")["seeds"] == 2  # of which the fleet that hovers has none
 
 

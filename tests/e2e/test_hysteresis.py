@@ -4,6 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from skyrelay.runfolder.reader import read_summary
+
 pytestmark = pytest.mark.xdist_group("e2e")
 
 # One zone and nobody moves far: what is a candidate now was one before.
@@ -39,10 +41,15 @@ def asked_again(folder):
 def test_a_vehicle_stays_where_hysteresis_says_so(play, run, tmp_path):
     free = play(tmp_path / "free", *CALM)
     loyal = play(tmp_path / "loyal", *CALM, "selection.hysteresis=100")
-    share, count = asked_again(loyal)
-    assert count > 20
-    assert share == 1.0
+    patient = play(tmp_path / "patient", *CALM, "selection.time_to_trigger=100")
+    for folder in (loyal, patient):
+        share, count = asked_again(folder)
+        assert count > 20
+        assert share == 1.0
     assert asked_again(free)[0] < 1.0
+    # The fleet that hovers goes by the same rule.
+    counted = [read_summary(folder).static_handovers for folder in (loyal, patient, free)]
+    assert counted[0] == counted[1] < counted[2]
     assert run("audit", loyal) == 0
 
 

@@ -57,7 +57,7 @@ def served(folder, period):
     return rows[rows.period == period]
 
 
-@pytest.mark.parametrize("method", ["near-feasible", "nnm", "optimal", "nearest", "random"])
+@pytest.mark.parametrize("method", ["near-feasible", "load-aware", "nnm", "optimal", "nearest", "random"])
 def test_every_shipped_method_selects_in_a_run(tmp_path, play, run, capsys, method):
     folder = play(tmp_path / "run", *FEW, f"selection.method={method}")
     summary = json.loads((folder / "summary.json").read_text())

@@ -32,11 +32,12 @@ VEHICLES = {
 class Town:
     """Four UAVs, five vehicles, two zones; `agents` in the order of the host."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, selection=SELECTION):
+        self.selection = selection
         self.policy = Policy.builtin("generalist")
         self.chain = EmbeddedChain()
         boss = self.chain.account("boss")
-        self.client = IovClient.deploy(self.chain, Settings.of(SELECTION, channels=len(self.policy.card.maps)), boss)
+        self.client = IovClient.deploy(self.chain, Settings.of(selection, channels=len(self.policy.card.maps)), boss)
         for role in (Role.COORDINATOR, Role.PUBLISHER):
             self.client.execute([self.client.grant_role(boss, role, boss)])
         self.store = LocalStore(folder)
@@ -49,7 +50,7 @@ class Town:
 
     def fresh_agents(self):
         vehicles = [
-            VehicleAgent(name, self.chain.account(name), 1500 + 100 * row, 100 * row, GRID, SELECTION)
+            VehicleAgent(name, self.chain.account(name), 1500 + 100 * row, 100 * row, GRID, self.selection)
             for row, name in enumerate(VEHICLES)
         ]
         uavs = [
@@ -83,7 +84,17 @@ class Town:
 
 @pytest.fixture
 def town(tmp_path):
-    town = Town(tmp_path)
+    return founded(tmp_path)
+
+
+@pytest.fixture
+def town_with(tmp_path):
+    """A town of another selection, by its keys."""
+    return lambda **keys: founded(tmp_path, SELECTION.model_copy(update=keys))
+
+
+def founded(folder, selection=SELECTION):
+    town = Town(folder, selection)
     town.tell_positions()
     town.tick(Phase.JOIN)
     return town

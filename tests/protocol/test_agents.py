@@ -250,3 +250,37 @@ def _sights(town, step, beacons=True):
         town.host.hear(town.host.take_beacons())
     tick = Tick(Phase.DECIDE, step=step, time=step * 2.0)
     return {agent.name: agent.receive(tick)[0].sight for agent in town.agents if agent.state is UavState.FLYING}
+
+
+@pytest.mark.parametrize(
+    ("keys", "stays"),
+    [
+        ({}, 0),
+        ({"time_to_trigger": 2}, 2),
+        ({"time_to_trigger": 1, "hysteresis": 5.0}, 1),
+        ({"time_to_trigger": 1, "hysteresis": 50.0}, 4),
+    ],
+)
+def test_a_vehicle_leaves_its_uav_once_another_has_been_better_for_long_enough(town_with, keys, stays):
+    town = town_with(**keys)
+    town.select()
+    first = town["v1"].uav
+    assert first == town["u1"].address
+    town.places["v1"] = (890.0, 890.0)  # beside u2
+    asked = []
+    for _ in range(4):
+        town.tell_positions()
+        town.select()
+        asked.append(town["v1"].choice.uav)
+    assert asked == [first] * stays + [town["u2"].address] * (4 - stays)
+
+
+def test_who_is_better_now_and_then_has_not_been_so_for_long(town_with):
+    town = town_with(time_to_trigger=1)
+    town.select()
+    first = town["v1"].uav
+    for place in ((890.0, 890.0), (450.0, 600.0), (890.0, 890.0)):
+        town.places["v1"] = place
+        town.tell_positions()
+        town.select()
+        assert town["v1"].choice.uav == first

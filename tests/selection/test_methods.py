@@ -100,6 +100,16 @@ def test_hysteresis_keeps_a_vehicle_until_another_uav_is_that_much_better():
     assert select(vehicles, uavs, incumbent=stay, hysteresis=3.1).assignment.tolist() == [0]
 
 
+def test_each_vehicle_may_have_a_hysteresis_of_its_own():
+    vehicles, uavs = vehicles_at([0.0, 0.0]), uavs_at([0.0, 0.0], battery=[50, 62])
+    stay = np.array([0, 0])
+    assert select(vehicles, uavs, incumbent=stay, hysteresis=np.array([5.0, 0.0])).assignment.tolist() == [0, 1]
+    with pytest.raises(UsageError, match=r"hysteresis\.shape"):
+        select(vehicles, uavs, incumbent=stay, hysteresis=np.array([5.0]))
+    with pytest.raises(UsageError, match="hysteresis: is -2"):
+        select(vehicles, uavs, incumbent=stay, hysteresis=np.array([5.0, -2.0]))
+
+
 @given(tables(), settings_drawn, st.randoms(use_true_random=False), st.sampled_from((1, 2, "full")))
 def test_hysteresis_asks_by_qou_with_a_bonus_for_the_incumbent(both, rule, chance, rounds):
     """Against a plain loop over lists that are sorted in full."""
@@ -195,3 +205,50 @@ def test_an_incumbent_that_is_no_uav_is_named(incumbent, place):
     with pytest.raises(SelectionError) as fault:
         select(vehicles_at([0.0]), uavs_at([0.0]), incumbent=np.array(incumbent))
     assert fault.value.place == place
+
+
+# --- QoU that knows the load -------------------------------------------------------------------------------------
+
+
+def test_load_aware_without_weight_is_two_sided():
+    vehicles, uavs = drawn(4, vehicles=150, uavs=25, zones=2)
+    for rounds in (1, 3, "full"):
+        plain = select(vehicles, uavs, "two-sided", rounds=rounds).assignment
+        aware = select(vehicles, uavs, "load-aware", settings=Settings(load_weight=0.0), rounds=rounds).assignment
+        np.testing.assert_array_equal(plain, aware)
+
+
+def test_load_aware_sends_vehicles_where_less_is_asked():
+    # Both vehicles in the middle like u0 better; all that u0 alone reaches ask it, too.
+    vehicles = vehicles_at([3000.0, 3000.0, 0.0, 0.0, 0.0, 0.0])
+    uavs = uavs_at([2000.0, 4100.0], bandwidth=[8000, 8000])
+    plain = select(vehicles, uavs, "two-sided", rounds=1).assignment
+    aware = select(vehicles, uavs, "load-aware", rounds=1).assignment
+    assert plain.tolist()[:2] == [0, 0]
+    assert aware.tolist()[:2] == [1, 1]
+    assert (aware >= 0).sum() == 6 > (plain >= 0).sum() == 4
+
+
+@given(tables(), settings_drawn)
+def test_load_aware_asks_by_qou_and_availability(both, rule):
+    """Against plain loops over lists that are sorted in full."""
+    vehicles, uavs = both
+    quality = qou(vehicles, uavs, rule)
+    expected = np.zeros(len(uavs))
+    for v in range(len(vehicles)):
+        candidates = [u for u in range(len(uavs)) if quality[v, u] > 0]
+        for u in candidates:
+            expected[u] += vehicles.demand[v] / len(candidates)
+    free = np.divide(uavs.bandwidth, uavs.bandwidth + expected, out=np.zeros(len(uavs)), where=uavs.bandwidth > 0)
+    lists = [
+        sorted(
+            (u for u in range(len(uavs)) if quality[v, u] > 0),
+            key=lambda u: (-(quality[v, u] * (1 - rule.load_weight + rule.load_weight * free[u])), u),
+        )
+        for v in range(len(vehicles))
+    ]
+    asked = [[] for _ in range(len(vehicles))]
+    for played in select(vehicles, uavs, "load-aware", settings=rule, rounds="full").rounds:
+        for v, u in zip(played.vehicle.tolist(), played.uav.tolist(), strict=True):
+            asked[v].append(u)
+    assert asked == [wanted[: len(done)] for wanted, done in zip(lists, asked, strict=True)]

@@ -28,7 +28,7 @@ def test_json_has_the_measures_and_every_vehicle():
     assert again == result
 
 
-@pytest.mark.parametrize("method", ["two-sided", "near-feasible", "nnm", "optimal", "nearest", "random"])
+@pytest.mark.parametrize("method", ["two-sided", "near-feasible", "load-aware", "nnm", "optimal", "nearest", "random"])
 def test_every_method_prints_its_measures(method):
     result = run("--method", method, "--vehicles", "20", "--uavs", "5", "--set", "selection.candidates=zone")
     assert result.exit_code == 0

@@ -61,7 +61,8 @@ def command(
         typer.Option(
             "--rounds",
             metavar="N|full",
-            help="two-sided: how often a refused vehicle may ask; full: deferred acceptance. Default: the scenario's.",
+            help="two-sided, load-aware: how often a refused vehicle may ask; full: deferred acceptance. "
+            "Default: the scenario's.",
             show_default=False,
         ),
     ] = None,
@@ -169,7 +170,7 @@ def _rounds(text: str | None) -> Any:
 
 
 def _of_the_method(selection: Selection) -> dict[str, Any]:
-    if selection.method == "two-sided":
+    if selection.method in ("two-sided", "load-aware"):
         return {"rounds": len(selection.rounds)}
     if selection.objective is not None and selection.gap is not None:
         name, total = selection.objective

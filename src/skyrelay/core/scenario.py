@@ -200,8 +200,8 @@ class Selection(_Section):
 
     method: Text = Field(
         "two-sided",
-        description="two-sided: by the contract; near-feasible, nnm, optimal, nearest, random, or on the command line "
-        "module:function: worked out outside, checked by the contract",
+        description="two-sided: by the contract; near-feasible, load-aware, nnm, optimal, nearest, random, or on the "
+        "command line module:function: worked out outside, checked by the contract",
     )
     qou_weights: Weights = Field((0.25, 0.25, 0.25, 0.25), description="bandwidth, battery, reputation, closeness")
     qov_weights: Weights = Field((0.25, 0.25, 0.25, 0.25), description="demand, payment, reputation, closeness")
@@ -220,6 +220,10 @@ class Selection(_Section):
     hysteresis: Percent = Field(
         0.0, description="a vehicle leaves the UAV that served it only for one with so many more points of QoU"
     )
+    time_to_trigger: Annotated[Whole, Field(ge=0, le=1000)] = Field(
+        0, description="and once one has had them for so many selection periods; 0: at once"
+    )
+    load_weight: Share = Field(0.5, description="of load-aware: share of a UAV's QoU that goes by what is asked of it")
 
 
 class Coordination(_Section):

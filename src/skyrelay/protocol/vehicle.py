@@ -35,6 +35,7 @@ from skyrelay.protocol.messages import (
 )
 from skyrelay.protocol.sequence import VEHICLE, Machine, VehicleMessage, VehicleState
 from skyrelay.protocol.zone_view import ZoneView
+from skyrelay.selection.handover import Trigger
 from skyrelay.selection.proposal import propose
 from skyrelay.selection.quality import are_candidates, pair_qou
 
@@ -95,6 +96,7 @@ class VehicleAgent(Agent):
         self._fix = Fix(None)
         self._refused_by: set[str] = set()
         self._served_by: str | None = None
+        self._trigger, self._triggered = Trigger(), False  # whether it may leave who served it, in this period
         self._advised: str | None = None
         self._table: VehicleTable | None = None
         self._zone = 0
@@ -243,7 +245,7 @@ class VehicleAgent(Agent):
         """Algorithm 1 over the zone's UAVs, leaving out those that refused it in this period.
 
         With `selection.hysteresis` the UAV that served it in the last period is asked again unless another is so much
-        better: every hand-over costs the user the link.
+        better, with `selection.time_to_trigger` for so long: every hand-over costs the user the link.
         """
         if self._table is None:
             raise RuntimeError("a vehicle reports before it chooses")
@@ -284,13 +286,18 @@ class VehicleAgent(Agent):
 
     def _or_stay(self, column: int, qou: FloatArray, view: ZoneView) -> int:
         """The best UAV's column, or that of the one before."""
-        if self._settings.hysteresis == 0.0 or column < 0:
+        hysteresis, patience = self._settings.hysteresis, self._settings.time_to_trigger
+        if (hysteresis == 0.0 and patience == 0) or column < 0:
             return column
         if self._served_by not in view.uavs.ids or self._served_by in self._refused_by:
             return column
         before = view.uavs.ids.index(self._served_by)
-        stays = qou[before] > 0.0 and qou[before] + self._settings.hysteresis >= qou[column]
-        return before if stays else column
+        if not qou[before] > 0.0:
+            return column
+        if self.choice is None:  # once a period
+            better = np.flatnonzero(qou > qou[before] + hysteresis)
+            self._triggered = self._trigger.note(self._served_by, [view.uavs.ids[uav] for uav in better]) >= patience
+        return before if qou[before] + hysteresis >= qou[column] or not self._triggered else column
 
 
 def _one(value: float) -> FloatArray:

@@ -26,12 +26,16 @@ MEASURES = {
     "coverage": "share of the served vehicles in range",
     "connectivity": "share of the time a team is linked",
     "served_mbps": "requested bandwidth in range [Mbit/s]",
+    "carried_mbps": "carried [Mbit/s]",
+    "delivered_mbps": "delivered [Mbit/s]",
+    "fairness": "Jain's index of what vehicles got",
+    "handovers": "hand-overs",
     "mean_qou": "mean QoU",
     "mean_qov": "mean QoV",
     "gas_used": "gas",
 }
 """What is compared, and what it is called."""
-HOVERING = frozenset({"in_range", "in_range_share", "coverage", "connectivity", "served_mbps"})
+HOVERING = frozenset(MEASURES) - {"mean_qou", "mean_qov", "gas_used"}
 """What a run's record also has of the same fleet hovering."""
 MOST = 10_000
 """Runs at once."""

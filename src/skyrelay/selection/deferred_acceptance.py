@@ -14,6 +14,7 @@ import numpy.typing as npt
 from skyrelay.core.entities import FloatArray, IntArray, UavTable, VehicleTable
 from skyrelay.core.scenario import Selection as Settings
 from skyrelay.selection.allocation import allocate
+from skyrelay.selection.load_aware import Lists
 from skyrelay.selection.proposal import Preferences
 from skyrelay.selection.quality import are_candidates, density, pair_qou, pair_qov
 
@@ -42,18 +43,21 @@ def deferred_acceptance(
     settings: Settings,
     rounds: int | None = 1,
     incumbent: IntArray | None = None,
-    hysteresis: float = 0.0,
+    hysteresis: float | FloatArray = 0.0,
+    preferences: Lists | None = None,
 ) -> tuple[IntArray, tuple[Round, ...]]:
     """Let vehicles propose and UAVs choose, for so many rounds or until nobody has anyone left to ask.
 
     Args:
         rounds: at most so many; None: no limit. A vehicle asks a UAV at most once, so it always ends.
         incumbent: [V] UAV that serves each vehicle now, or -1; matters only with ``hysteresis``.
-        hysteresis: how many points of QoU above its incumbent another UAV must have for a vehicle to ask it first.
+        hysteresis: how many points of QoU above its incumbent another UAV must have for a vehicle to ask it first; one
+            number, or [V].
+        preferences: vehicles' lists; left out: by QoU.
     Returns: [V] UAV of each vehicle or -1, and the rounds played.
     Source: Algorithms 1 and 2; Gale and Shapley (1962), with a knapsack choice of the receiving side.
     """
-    suitors = _Suitors(vehicles, uavs, settings, incumbent, hysteresis)
+    suitors = _Suitors(vehicles, uavs, settings, incumbent, hysteresis, preferences)
     assignment = np.full(len(vehicles), -1, dtype=np.int64)
     submitted = np.zeros(len(vehicles), dtype=np.int64)  # when a held vehicle's proposal came in
     score = np.zeros(len(vehicles))
@@ -94,15 +98,16 @@ class _Suitors:
         uavs: UavTable,
         settings: Settings,
         incumbent: IntArray | None,
-        hysteresis: float,
+        hysteresis: float | FloatArray,
+        preferences: Lists | None,
     ) -> None:
-        self._preferences = Preferences(vehicles, uavs, settings)
-        self._hysteresis = hysteresis
+        self._preferences = preferences or Preferences(vehicles, uavs, settings)
+        self._hysteresis = np.broadcast_to(np.asarray(hysteresis, dtype=np.float64), (len(vehicles),))
         self._place = np.zeros(len(vehicles), dtype=np.int64)  # of the next to ask
         self._incumbent = np.full(len(vehicles), -1, dtype=np.int64)
         self._incumbent_qou = np.full(len(vehicles), -np.inf)
         self._incumbent_asked = np.zeros(len(vehicles), dtype=bool)
-        if incumbent is not None and hysteresis > 0.0:
+        if incumbent is not None and (self._hysteresis > 0.0).any():
             rows = np.flatnonzero(incumbent >= 0)
             rows = rows[are_candidates(vehicles, uavs, rows, incumbent[rows], settings)]
             qou = pair_qou(vehicles, uavs, rows, incumbent[rows], settings)
@@ -117,7 +122,7 @@ class _Suitors:
         self._place[rows[again]] += 1
         uav[again], qou[again] = self._preferences.at(rows[again], self._place[rows[again]])
         stays = (self._incumbent[rows] >= 0) & ~self._incumbent_asked[rows]
-        stays &= self._incumbent_qou[rows] + self._hysteresis >= qou
+        stays &= self._incumbent_qou[rows] + self._hysteresis[rows] >= qou
         self._incumbent_asked[rows[stays]] = True
         self._place[rows[~stays]] += 1
         return np.where(stays, self._incumbent[rows], uav), np.where(stays, self._incumbent_qou[rows], qou)

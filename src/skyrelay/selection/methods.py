@@ -14,6 +14,7 @@ from skyrelay.core.entities import FloatArray, IntArray, UavTable, VehicleTable
 from skyrelay.core.errors import SelectionError, SkyRelayError, UsageError
 from skyrelay.core.scenario import Selection as Settings
 from skyrelay.selection.deferred_acceptance import Round, deferred_acceptance
+from skyrelay.selection.load_aware import load_aware_lists
 from skyrelay.selection.near_feasible import near_feasible
 from skyrelay.selection.nearest_neighbor import nearest_neighbor
 from skyrelay.selection.optimal import Objective, optimal
@@ -21,12 +22,13 @@ from skyrelay.selection.quality import pair_qou, pair_qov
 from skyrelay.selection.sequential import nearest, random
 from skyrelay.selection.stability import count_blocking_pairs, excess, is_valid
 
-METHODS = ("two-sided", "near-feasible", "nnm", "optimal", "nearest", "random")
+METHODS = ("two-sided", "near-feasible", "load-aware", "nnm", "optimal", "nearest", "random")
 OBJECTIVES = ("qou", "qov", "served")
 GROUP = "skyrelay.methods"
 """Of entry points."""
 
-_ANY_GAIN = 1e9  # points of QoU
+ANY_GAIN = 1e9
+"""Points of QoU, as a hysteresis: more than any UAV is better."""
 
 Method = Callable[[VehicleTable, UavTable, Settings], IntArray]
 """An own method: [V] index of each vehicle's UAV, or -1."""
@@ -100,7 +102,7 @@ def select(
     settings: Settings | None = None,
     rounds: int | Literal["full"] | None = None,
     incumbent: IntArray | None = None,
-    hysteresis: float | None = None,
+    hysteresis: float | FloatArray | None = None,
     objective: Objective = "qou",
     time_limit: float | None = None,
     gap: float = 1e-4,
@@ -111,14 +113,15 @@ def select(
 
     Args:
         method: ``two-sided`` (the paper's), ``near-feasible`` (stable, bandwidths exceeded by less than one demand),
-            ``nnm`` (the paper's benchmark), ``optimal`` (MILP), ``nearest`` or ``random``; an entry point of the group
-            `GROUP`, or ``module:function`` that the user has named: `Method`; left out: as ``settings`` say.
+            ``load-aware`` (QoU lowered by what is asked of a UAV), ``nnm`` (the paper's benchmark), ``optimal`` (MILP),
+            ``nearest`` or ``random``; an entry point of the group `GROUP`, or ``module:function`` that the user has
+            named: `Method`; left out: as ``settings`` say.
         settings: weights, maxima, candidate rule; left out: the defaults of a scenario's ``[selection]``.
-        rounds: of ``two-sided``: 1 is the paper; more: a refused or displaced vehicle proposes again; ``"full"``: until
-            nobody has anyone left to ask (deferred acceptance); left out: as ``settings`` say.
+        rounds: of ``two-sided`` and ``load-aware``: 1 is the paper; more: a refused or displaced vehicle proposes
+            again; ``"full"``: until nobody has anyone left to ask (deferred acceptance); left out: as ``settings`` say.
         incumbent: of ``two-sided``: [V] index of the UAV that serves each vehicle now, or -1.
         hysteresis: of ``two-sided``: how many points of QoU above its incumbent another UAV must have for a vehicle to
-            ask it first; left out: as ``settings`` say.
+            ask it first, one number or [V]; left out: as ``settings`` say.
         objective: of ``optimal``: the total of ``qou``, of ``qov``, or the number ``served``.
         time_limit: of ``optimal``: [s] after which the best assignment found is taken; None: no limit.
         gap: of ``optimal``: share of the bound within which an assignment is good enough.
@@ -140,14 +143,18 @@ def select(
             rule,
             round_limit(rule.rounds if rounds is None else rounds),
             _checked_incumbent(incumbent, vehicles, uavs),
-            check_hysteresis(rule.hysteresis if hysteresis is None else hysteresis),
+            check_hysteresis(rule.hysteresis if hysteresis is None else hysteresis, len(vehicles)),
         )
+        return _result(vehicles, uavs, assignment, rule, method, rounds=played)
+    if method == "load-aware":
+        limit, lists = round_limit(rule.rounds if rounds is None else rounds), load_aware_lists(vehicles, uavs, rule)
+        assignment, played = deferred_acceptance(vehicles, uavs, rule, limit, preferences=lists)
         return _result(vehicles, uavs, assignment, rule, method, rounds=played)
     if method == "near-feasible":
         assignment = near_feasible(vehicles, uavs, rule).assignment
         if within:
             # Whoever has a UAV asks it first, whatever others offer.
-            assignment, _ = deferred_acceptance(vehicles, uavs, rule, None, assignment, _ANY_GAIN)
+            assignment, _ = deferred_acceptance(vehicles, uavs, rule, None, assignment, ANY_GAIN)
         return _result(vehicles, uavs, assignment, rule, method)
     if method == "optimal":
         _check(objective, OBJECTIVES, "objective")
@@ -279,12 +286,16 @@ def _checked_incumbent(incumbent: IntArray | None, vehicles: VehicleTable, uavs:
     return incumbent
 
 
-def check_hysteresis(hysteresis: float) -> float:
-    """The hysteresis, if it can be one.
+def check_hysteresis(hysteresis: float | FloatArray, vehicles: int = 0) -> float | FloatArray:
+    """The hysteresis, if it can be one: a number, or one for each of so many vehicles.
 
     Raises:
         UsageError: it cannot.
     """
-    if not (np.isfinite(hysteresis) and hysteresis >= 0.0):
-        raise UsageError("hysteresis", hysteresis, "a finite number of QoU points, at least 0")
+    points = np.asarray(hysteresis, dtype=np.float64)
+    if points.shape not in {(), (vehicles,)}:
+        raise UsageError("hysteresis.shape", points.shape, f"one number, or one for each of {vehicles} vehicles")
+    wrong = ~(np.isfinite(points) & (points >= 0.0))
+    if wrong.any():
+        raise UsageError("hysteresis", float(points[wrong].flat[0]), "a finite number of QoU points, at least 0")
     return hysteresis

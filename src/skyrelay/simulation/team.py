@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+
 import numpy as np
 
 from skyrelay.airspace.law import Law
@@ -10,6 +12,9 @@ from skyrelay.core.scenario import Selection
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.mobility import Tracks
 from skyrelay.selection import select
+from skyrelay.selection.candidates import candidate_pairs
+from skyrelay.selection.handover import Trigger
+from skyrelay.selection.methods import ANY_GAIN
 from skyrelay.simulation.flight import NOBODY, Flight, Measure, Service
 from skyrelay.simulation.world import Fleet, Members
 
@@ -55,6 +60,7 @@ class Team:
         self.flight = Flight(law, fleet, demand)
         self.served: list[int] = []
         self._zones: IntArray = fleet.zone
+        self._triggers: dict[int, Trigger] = defaultdict(Trigger)  # by row of a vehicle
         self._zone_of_owner = np.zeros(len(demand), dtype=np.int64)
 
     def assign(self, owner: IntArray) -> None:
@@ -86,6 +92,7 @@ class Team:
             uavs,
             settings=self._settings,
             incumbent=incumbent,
+            hysteresis=self._hysteresis(rows, vehicles, uavs, incumbent),
             seed=seed,
             time_limit=METHOD_SECONDS,
             within=True,
@@ -93,6 +100,23 @@ class Team:
         owner = np.full(len(tracks.ids), NOBODY)
         owner[rows[chosen >= 0]] = airborne[chosen[chosen >= 0]]
         return owner
+
+    def _hysteresis(self, rows: IntArray, vehicles: VehicleTable, uavs: UavTable, incumbent: IntArray) -> FloatArray:
+        """[V] points of QoU by which another UAV must be better: any, as long as none has been so for long enough."""
+        rule = self._settings
+        points = np.full(len(vehicles), rule.hysteresis)
+        if rule.method != "two-sided" or rule.time_to_trigger == 0:
+            return points
+        pairs = candidate_pairs(vehicles, uavs, rule)
+        for row in np.flatnonzero(incumbent != NOBODY).tolist():
+            mine = slice(pairs.start[row], pairs.start[row + 1])
+            own = pairs.qou[mine][pairs.uav[mine] == incumbent[row]]
+            if len(own):  # else it is no candidate any more
+                better = pairs.uav[mine][pairs.qou[mine] > own[0] + rule.hysteresis]
+                names = [uavs.ids[uav] for uav in better]
+                if self._triggers[int(rows[row])].note(uavs.ids[incumbent[row]], names) < rule.time_to_trigger:
+                    points[row] = ANY_GAIN
+        return points
 
     def measure(self, x: FloatArray, y: FloatArray) -> tuple[Service, list[Measure]]:
         """What vehicles get at one step, and how well it goes in every zone with a team, then in the whole area."""
