@@ -17,6 +17,8 @@ from skyrelay.coordination.energy import Batteries
 from skyrelay.coordination.pettingzoo import UavCoordination
 from skyrelay.coordination.settings import Shape, physical
 from skyrelay.coordination.testing import check_parallel_env
+from skyrelay.core.errors import UsageError
+from skyrelay.learning.presets import games_of
 
 SHAPE = Shape(3, 6, n=5, steps=12, energy=True)
 DOMAIN = replace(physical((3, 3), (6, 6)), batteries=Batteries(radius=(0.1, 0.1)))
@@ -43,6 +45,29 @@ def test_flying_costs_and_hovering_at_the_point_charges(start, step):
     np.testing.assert_allclose(moved.charge, 0.5 - charging.move, rtol=1e-6)  # a move through the point charges nothing
     full, _ = step(replace(start, uavs=uavs, charge=jnp.ones(3)), jnp.array([0, 0, 0]))
     assert (full.charge <= 1.0).all()
+
+
+@pytest.mark.parametrize(("speed", "ratio"), [(10.0, 126.03 / 168.48), (30.0, 356.28 / 168.48)])
+def test_a_rotary_wing_uav_s_moves_cost_what_its_speed_takes(speed, ratio):
+    """Below hovering at 10 m/s, twice as much at 30 m/s; all else is drawn as without it."""
+    key = jax.random.key(5)
+    drawn, plain = Batteries(speeds=(speed, speed)).draw(key), Batteries().draw(key)
+    assert float(drawn.move / drawn.hover) == pytest.approx(ratio, rel=1e-3)
+    assert float(plain.move / plain.hover) >= 1.0
+    np.testing.assert_array_equal(np.asarray(drawn.point), np.asarray(plain.point))
+    assert (float(drawn.hover), float(drawn.gain)) == (float(plain.hover), float(plain.gain))
+
+
+@pytest.mark.parametrize("speeds", [(0.0, 10.0), (20.0, 10.0), (10.0, 101.0)])
+def test_speeds_that_are_none_are_refused(speeds):
+    with pytest.raises(UsageError, match=r"game\.batteries\.speeds"):
+        Batteries(speeds=speeds)
+
+
+def test_the_games_of_that_name_have_it():
+    for games, speeds in (("energy", None), ("rotary-wing", (5.0, 30.0))):
+        domain, shape = games_of(games, (2, 2), (4, 4), Shape.n)
+        assert (domain.batteries.speeds, shape.energy) == (speeds, True)
 
 
 def test_a_uav_without_charge_is_on_the_ground(start, step):

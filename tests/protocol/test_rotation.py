@@ -150,6 +150,15 @@ def test_nobody_rotates_before_anything_was_asked_for():
     assert stations(books, law("energy.rotation=alone")) == {}
 
 
+def test_where_vehicles_tell_their_place_with_their_proposals_the_period_before_counts():
+    books = books_of(600, 9000)
+    told(books, "VehSelectionSubmitted", vehicle="v", demand=4000)
+    told(books, "ZoneListsReset", zone=1, round=2)
+    told(books, "ZoneListsReset", zone=2, round=2)
+    assert stations(books, law()) == {"u0": 0}
+    assert books.moves(GRID, 60.0) == {}
+
+
 def test_with_dispatch_the_others_go_where_they_are_needed_and_the_plan_stays_until_all_have_gone():
     books, rules = books_of(600, 9000, 9000), law("coordination.dispatch=true")
     told(books, "VehicleUpdated", vehicle="w", zone=2)

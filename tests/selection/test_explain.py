@@ -177,6 +177,7 @@ def test_what_a_vehicle_had_and_why(tmp_path):
         "It had 0.500 Mbit/s of the 2.000 Mbit/s it asks, on average, because it was in range of u0 at 1 of 2 steps, "
         "whose radio held less than it asks for at 1 of them, and 0.250 Mbit/s of it reached a gateway."
     )
+    assert "which left to be charged and was away at 1" in command.had(told, 1)
     assert command.had(one(tmp_path, vehicles_at([0]), uavs_at([9000]))) == (
         "It had 0 Mbit/s, because no UAV served it."
     )

@@ -127,6 +127,12 @@ def lines(s: Mapping[str, Any], folder: Path, mobility: Mobility) -> Iterator[tu
     for note in s["trace_notes"]:
         yield "Trace", note
     yield "UAVs", f"{s['uavs']:,} over {s['zones']} zones; {s['uavs_retired']} left with an empty battery"
+    if s.get("charged_share") is not None:
+        yield (
+            "Charging",
+            f"UAVs were away for {s['charged_share']:.1%} of the time and waited for a place for "
+            f"{s['waiting_seconds'] or 0:,.0f} s on average; the lowest battery had {s['lowest_battery']:.1f} %",
+        )
     if s["selected_by"] and not s["selected_by"].startswith("two-sided"):
         yield "Selected by", s["selected_by"]
     qualities = "" if s["mean_qou"] is None else f"; mean QoU {s['mean_qou']:.1f}, mean QoV {s['mean_qov']:.1f}"

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from skyrelay.airspace.charge import Charger, Cost
+from skyrelay.airspace.rotor import Rotor
 from skyrelay.core.errors import UsageError
 
 Interval = tuple[float, float]
@@ -50,10 +51,12 @@ class Batteries:
 
     Attributes:
         hover: what a hovering step costs.
-        move: what a moving step costs, over a hovering one's cost.
+        move: what a moving step costs, over a hovering one's cost; of no account with ``speeds``.
         gain: what a charging step gives.
         radius: of the charging point [zone sides].
         least: of the charges at the start.
+        speeds: of a rotary-wing UAV [m/s], whose power in flight, over that in hover, is what a move costs more or less
+            (`skyrelay.airspace.rotor`); None: the cost is drawn from ``move``.
 
     Raises:
         UsageError: a number is out of its range.
@@ -64,12 +67,16 @@ class Batteries:
     gain: Interval = (0.03, 0.1)
     radius: Interval = (0.06, 0.1)
     least: float = 0.2
+    speeds: Interval | None = None
 
     def __post_init__(self) -> None:
         for name, least, most in (("hover", 0.0, 1.0), ("move", 1.0, 100.0), ("gain", 0.0, 1.0), ("radius", 0.0, 1.0)):
             low, high = getattr(self, name)
             if not least <= low <= high <= most:
                 raise UsageError(f"game.batteries.{name}", f"{low}-{high}", f"two numbers from {least:g} to {most:g}")
+        if self.speeds is not None and not 0.0 < self.speeds[0] <= self.speeds[1] <= 100.0:
+            low, high = self.speeds
+            raise UsageError("game.batteries.speeds", f"{low}-{high}", "two numbers above 0 and up to 100")
 
     def draw(self, key: PRNGKeyArray) -> Charging:
         """The numbers of one game."""
@@ -79,9 +86,13 @@ class Batteries:
             return bounds[0] + (bounds[1] - bounds[0]) * draw
 
         hover = between(self.hover, draws[0])
+        ratio = between(self.move if self.speeds is None else self.speeds, draws[1])
+        if self.speeds is not None:
+            rotor = Rotor()
+            ratio = rotor.power(ratio) / rotor.power(jnp.zeros(()))
         return Charging(
             hover=hover,
-            move=hover * between(self.move, draws[1]),
+            move=hover * ratio,
             gain=between(self.gain, draws[2]),
             point=between((0.1, 0.9), draws[3:5]),
             radius=between(self.radius, draws[5]),

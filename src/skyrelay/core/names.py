@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Literal, get_args
 
-GamesName = Literal["paper", "varied", "obstacles", "energy"]
+GamesName = Literal["paper", "varied", "obstacles", "energy", "rotary-wing"]
 PresetName = Literal["fast", "generalist", "paper"]
+WITH_ENERGY: tuple[GamesName, ...] = ("energy", "rotary-wing")
+"""Of these, those in which UAVs have batteries."""
 GAMES: tuple[GamesName, ...] = get_args(GamesName)
 PRESETS: tuple[PresetName, ...] = get_args(PresetName)

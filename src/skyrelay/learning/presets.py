@@ -10,7 +10,7 @@ from skyrelay.coordination.obstacles import Cities
 from skyrelay.coordination.settings import Domain, Shape, physical, varied
 from skyrelay.core import plugins
 from skyrelay.core.errors import TrainingError, UsageError
-from skyrelay.core.names import GamesName, PresetName
+from skyrelay.core.names import WITH_ENERGY, GamesName, PresetName
 from skyrelay.learning.networks import FAST, GENERALIST, GENERALIST_CRITIC, PAPER, Architecture
 from skyrelay.learning.ppo import Hyperparameters
 
@@ -58,15 +58,17 @@ def games_of(
 
     Args:
         games: "paper" (one scale), "varied" (many scales, speeds and kinds of traffic, drop-outs), "obstacles" (of one
-            scale, with buildings that block the sight) or "energy" (of one scale, with batteries and a charging point).
+            scale, with buildings that block the sight), "energy" (of one scale, with batteries and a charging point) or
+            "rotary-wing" (likewise, moves costing what a rotary-wing UAV's do at 5 to 30 m/s).
         n, zoom, outlook: as in `Shape`.
     """
     shape = Shape(uavs[1], vehicles[1], n=n, zoom=zoom, outlook=outlook)
     if games == "obstacles":
         cities = Cities()
         return replace(physical(uavs, vehicles), cities=cities), replace(shape, walls=cities.walls)
-    if games == "energy":
-        return replace(physical(uavs, vehicles), batteries=Batteries()), replace(shape, energy=True)
+    if games in WITH_ENERGY:
+        batteries = Batteries(speeds=(5.0, 30.0)) if games == "rotary-wing" else Batteries()
+        return replace(physical(uavs, vehicles), batteries=batteries), replace(shape, energy=True)
     if games == "varied":
         return varied(uavs, vehicles), replace(shape, mobility="mixed", drop_outs=True, tells_range=True)
     return physical(uavs, vehicles), shape
@@ -140,14 +142,14 @@ def training(
         steps: of a team; None for the preset's own.
         games: as in `games_of`.
         paper_maps: learn from the paper's six maps (and those of the games) alone, without the outlook and the moves
-            that it rules out because they could break a link. Preset "paper" always does, and games "energy" do: a UAV
-            that has to charge must be free to leave.
+            that it rules out because they could break a link. Preset "paper" always does, and games with energy do: a
+            UAV that has to charge must be free to leave.
     Raises:
         UsageError: a number does not fit.
     """
     base = {"fast": _FAST, "generalist": _GENERALIST, "paper": _PAPER}[preset]
     n, zoom = base.actor.n, 3 if preset == "generalist" else 2
-    outlook = not paper_maps and preset != "paper" and games != "energy"
+    outlook = not paper_maps and preset != "paper" and games not in WITH_ENERGY
     domain, shape = games_of(games, uavs, vehicles, n, zoom, outlook)
     if preset == "paper":
         # The table's horizon counts steps of a team; minibatches stay near 500 decisions whatever the team's size.
@@ -155,7 +157,7 @@ def training(
     if outlook:
         # No link is at stake: what is left to learn shows within a few steps, and is clear enough for larger strides.
         base = replace(base, gamma=0.85, learning_rate=3e-3)
-    if games == "energy" and preset != "paper":
+    if games in WITH_ENERGY and preset != "paper":
         # What a step of charging is worth shows many steps later, and a UAV that explores hardly stays to be charged.
         base = replace(base, entropy=0.03, gamma=0.97, shaping=1.0)
     actor, critic = (replace(network, maps=shape.maps) for network in (base.actor, base.critic))

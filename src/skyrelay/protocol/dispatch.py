@@ -30,6 +30,7 @@ class Books:
 
     Attributes:
         zone_of: zone by vehicle, of those that have reported since the last period ended.
+        zone_before: likewise, of the period before.
         demand_of: [kbit/s] by vehicle, of those that ever proposed.
         uav_zone, uav_bandwidth, uav_battery, uav_place: by UAV; zone 0 has left; [kbit/s]; [%]; [m].
         moving: zones that UAVs have changed to since anything else happened. They count once it does, so that a host
@@ -37,6 +38,7 @@ class Books:
     """
 
     zone_of: dict[str, int] = field(default_factory=dict)
+    zone_before: dict[str, int] = field(default_factory=dict)
     demand_of: dict[str, int] = field(default_factory=dict)
     uav_zone: dict[str, int] = field(default_factory=dict)
     uav_bandwidth: dict[str, int] = field(default_factory=dict)
@@ -53,7 +55,8 @@ class Books:
             self.moving.clear()
         match event.name:
             case "ZoneListsReset":
-                self.zone_of.clear()
+                if self.zone_of:
+                    self.zone_before, self.zone_of = self.zone_of, {}
             case "VehicleRegistered" | "VehicleUpdated":
                 self.zone_of[args["vehicle"]] = args["zone"]
             case "VehSelectionSubmitted":
@@ -65,17 +68,22 @@ class Books:
             case "UAVZoneUpdated":
                 self.moving[args["uav"]] = args["to"]
 
-    def asked(self, grid: ZoneGrid) -> tuple[FloatArray, float] | None:
+    def asked(self, grid: ZoneGrid, *, before: bool = False) -> tuple[FloatArray, float] | None:
         """[Z] what is asked for in each zone, and by a vehicle on average [kbit/s].
 
         None before anything was asked for: a vehicle tells its demand when it first proposes.
+
+        Args:
+            before: go by where vehicles were in the period before, where none has told yet where it is in this one: by
+                batches they tell it with their proposals.
         """
-        told = [self.demand_of[vehicle] for vehicle in self.zone_of if vehicle in self.demand_of]
+        zone_of = self.zone_of or (self.zone_before if before else {})
+        told = [self.demand_of[vehicle] for vehicle in zone_of if vehicle in self.demand_of]
         if not told:
             return None
         mean = float(np.mean(told))
         asked = np.zeros(len(grid.ids))
-        for vehicle, zone in self.zone_of.items():
+        for vehicle, zone in zone_of.items():
             if zone in grid.ids:
                 asked[zone - 1] += self.demand_of.get(vehicle, mean)
         return asked, mean

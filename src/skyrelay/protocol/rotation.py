@@ -29,7 +29,7 @@ def stations(books: Books, law: Law) -> dict[str, int]:
     """
     if not (law.places and law.rotates):
         return books.moves(law.grid, law.stride)
-    told = books.asked(law.grid)
+    told = books.asked(law.grid, before=True)
     uavs = sorted(uav for uav in books.uav_zone if uav in books.uav_battery)
     if told is None or not uavs:
         return {}
