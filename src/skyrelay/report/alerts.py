@@ -27,11 +27,11 @@ def _batteries(run: Run) -> list[tuple[int, Alert]]:
     for step, uav, zone, battery in zip(*columns, strict=True):
         if uav != last:
             warned, landed, last = False, False, uav
-        if battery > reserve + LOW_BATTERY:  # it may have been charged since
-            warned = landed = False
-        elif zone == 0 and not landed and not charged:
+        if zone == 0 and not landed and not charged:
             landed = True
             found.append((step, Alert("low-battery", uav, f"{uav} has landed, its battery at {battery:.1f} %")))
+        elif charged and battery > reserve + LOW_BATTERY:
+            warned = False
         elif not warned and not landed and battery <= reserve + LOW_BATTERY:
             warned = True
             found.append((step, Alert("low-battery", uav, f"{uav} has {battery:.1f} % left")))
