@@ -4,9 +4,12 @@ import json
 
 import pytest
 
-from skyrelay.chain.accounts import PASSWORD, PASSWORD_FILE
+from skyrelay.chain.accounts import PASSWORD, PASSWORD_FILE, Keyring
+from skyrelay.chain.client import IovClient, ModelCard
+from skyrelay.chain.node.chain import NodeChain
 from skyrelay.pilot.chain_server import ChainServer
 from skyrelay.pilot.signed_chain import SignedChain
+from skyrelay.store.cid import cid_of
 
 
 @pytest.fixture
@@ -79,6 +82,33 @@ def test_a_zone_has_a_coordinator_of_its_own_and_loses_it(served, keys, told, sk
     assert wrong.err == f"skyrelay: zone 3: is '{names['north']}'; expected {names['south']}\n"
     told("revoke", "coordinator", "north", "--zone", 3, *at)
     assert told("status", "--node", served, "--contract", at[1])["coordinators"] == {}
+
+
+def test_a_model_is_retired_by_who_registered_it_or_the_administrator(served, keys, told, skyrelay):
+    names = told("accounts", keys, "--create", "administrator", "publisher", "rival")
+    signing = ("--node", served, "--chain-id", 31337, "--keystore", keys)
+    at = ("--contract", told("deploy", *signing, "--channels", 10)["contract"], *signing)
+    for name in ("publisher", "rival"):
+        told("grant", "publisher", name, *at)
+    client = IovClient.connect(NodeChain(served, Keyring.open(keys)), at[1])
+    card, cids = ModelCard(1, 4, 1, 20, 9, 10, 9, -1.0), [cid_of(bytes([number])) for number in range(3)]
+    for owner, cid in (("publisher", cids[0]), ("publisher", cids[1]), ("rival", cids[1]), ("rival", cids[2])):
+        client.execute([client.register_model(client.chain.account(owner), bytes(cid), card)])
+
+    stranger = skyrelay("models", "retire", cids[0], *at, "--by", "rival")
+    assert stranger.status == 2
+    assert f"expected who has registered it ({names['publisher']})" in stranger.err
+    gone = told("models", "retire", cids[0], *at)
+    assert (gone["owner"], gone["retired"]) == (names["publisher"], True)
+    again = skyrelay("models", "retire", cids[0], *at)
+    assert again.status == 2
+    assert "that the contract has and that is not retired" in again.err
+    told("models", "retire", cids[2], *at, "--by", "administrator")
+    both = skyrelay("models", "retire", cids[1], *at, "--by", "administrator")
+    assert both.status == 2
+    assert all(model.model_id in both.err for model in client.models())
+    told("models", "retire", client.models()[1].model_id, *at, "--by", "administrator")
+    assert [model.owner for model in client.models()] == [names["publisher"]], "one's own of the two"
 
 
 def test_what_does_not_fit_is_one_line_and_changes_nothing(served, keys, told, skyrelay, monkeypatch):

@@ -1,4 +1,6 @@
-"""``skyrelay deploy``, ``grant``, ``revoke``, ``status``, ``accounts``: a contract's life on a consortium's chain."""
+"""``skyrelay deploy``, ``grant``, ``revoke``, ``status``, ``accounts``, ``models retire``: a contract's life on a
+consortium's chain.
+"""
 
 from __future__ import annotations
 
@@ -140,6 +142,46 @@ def revoke(
     """
     chain = _chain(node, keystore, chain_id, validators, confirmations)
     _change(False, role, account, _connect(chain, contract, chain_id), chain.account(by), zone, as_json)
+
+
+def retire(
+    model: Annotated[str, typer.Argument(metavar="CID|ID", help="The model: its address, or its id on the chain.")],
+    node: Nodes,
+    keystore: Keystore,
+    chain_id: Pinned,
+    contract: Deployed,
+    by: Annotated[
+        str, typer.Option("--by", metavar="NAME", help="The publisher's or the administrator's account.")
+    ] = "publisher",
+    validators: Sealers = None,
+    confirmations: Confirmations = 0,
+    as_json: Json = False,
+) -> None:
+    """Take a model back: it is assigned to no zone any more, and a UAV that reads it refuses it.
+
+    Who has registered a model retires it, or the administrator. It cannot be undone. For example:
+
+      skyrelay models retire bafkrei... --contract 0x... --node URL --chain-id 1337 --keystore keys.json
+    """
+    from skyrelay.chain.client import Role
+    from skyrelay.store.cid import Cid
+
+    wanted = None if model.lower().startswith("0x") else bytes(Cid.parse(model, "models retire: CID"))
+    chain = _chain(node, keystore, chain_id, validators, confirmations)
+    client = _connect(chain, contract, chain_id)
+    sender = chain.account(by)
+    found = [one for one in client.models() if one.cid == wanted or one.model_id == model.lower()]
+    own = [one for one in found if one.owner == sender]
+    if not found:
+        raise ChainError("models retire", model, "a model that the contract has and that is not retired")
+    if not own and not client.has_role(Role.ADMIN, sender):
+        raise ChainError("--by", sender, f"who has registered it ({found[0].owner}), or the contract's administrator")
+    chosen = own or found
+    if len(chosen) > 1:
+        raise ChainError("models retire", model, f"one id: {', '.join(one.model_id for one in chosen)}")
+    receipt = client.execute([client.retire_model(sender, chosen[0].model_id)])[0]
+    told: dict[str, Any] = {"id": chosen[0].model_id, "owner": chosen[0].owner, "retired": True}
+    print_result(told | {"block": receipt.block, "transaction": receipt.hash}, as_json)
 
 
 def status(

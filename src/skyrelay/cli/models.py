@@ -1,4 +1,4 @@
-"""``skyrelay models``: add, list, get, verify, pin and sign models by their content address."""
+"""``skyrelay models``: add, list, get, verify, pin, sign and retire models by their content address."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Annotated
 
 import typer
 
+from skyrelay.cli.contract import retire
 from skyrelay.cli.options import Json, help_alone, print_result, span
 from skyrelay.core.errors import SkyRelayError, UsageError
 from skyrelay.store.cid import PROFILE, Cid, cid_of
@@ -35,6 +36,8 @@ app = typer.Typer(
     invoke_without_command=True,
     rich_markup_mode=None,
 )
+
+app.command()(retire)
 
 Stores = Annotated[
     list[str] | None,
