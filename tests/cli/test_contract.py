@@ -56,6 +56,7 @@ def test_a_contract_is_deployed_roles_are_given_and_taken_and_its_status_says_so
         "publisher": [names["publisher"]],
         "reputation": [],
         "registrar": [],
+        "settler": [],
     }
     assert (now["settings"]["max_distance"], now["settings"]["rating_step"]) == (500.0, 2.5)
     assert now["settings"]["admission"] is True
