@@ -76,6 +76,18 @@ def test_a_clock_is_left_alone_where_it_is_right_or_nobody_says_otherwise(told):
     assert not said
 
 
+@pytest.mark.parametrize("told", [1e9, -1e9, 1e300])
+def test_a_receiver_that_cannot_be_right_is_not_believed(told):
+    machine, said = Machine(2e9), []
+    wall = Wall(machine.now, said.append, machine.sleep)
+    for _ in range(3):
+        wall.set_by(told)
+        wall.set_by(2e9)
+    (line,) = said
+    assert "is not believed" in line
+    assert wall.now() == 2e9
+
+
 def test_hosts_by_their_own_clocks_one_of_them_5_s_off(tmp_path):
     """Nothing is lost or doubled, the UAVs fly, and the host says in one line how its clock is."""
     up = Up(tmp_path / "up", *SHORT, options=[*FREE, "--elsewhere", "uav"])

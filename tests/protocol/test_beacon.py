@@ -114,6 +114,17 @@ def test_a_member_that_starts_again_is_heard_at_once_and_its_old_session_no_more
     assert reasons(door) == {Dropped.REPLAYED: 1}
 
 
+def test_one_whose_clock_was_ahead_is_heard_again_when_it_is_right():
+    """An onlooker cannot tell at once who is ahead: it lets such beacons in, and does not go by them."""
+    door, ahead, right = gate(), session(now=9000.0), session(now=100.0)
+    for second in range(3):
+        assert door.admit(ahead.seal(uav_beacon(9000.0 + second)), 9000.0 + second, remember=False)
+    first = right.seal(uav_beacon(100.0))
+    assert door.admit(first, 100.0)
+    assert door.admit(first, 100.0) is None
+    assert reasons(door) == {Dropped.REPLAYED: 1}
+
+
 def test_nobody_speaks_for_another():
     door = gate()
     by_itself = session(vouch=lambda message: SigningKey().sign(message))

@@ -22,6 +22,8 @@ from skyrelay.protocol.messages import Fix, Phase, Tick
 
 TOLERATED = 0.25
 """A clock further off than this is told, and set right by what receivers say [s]."""
+FARTHEST = 86400.0
+"""A machine's clock is right to a day [s]: what says otherwise is no receiver."""
 LEAD = 1.0
 """Between all hosts being there and the first tick [s]."""
 ANSWER = 5.0
@@ -45,6 +47,7 @@ class Wall:
     ) -> None:
         self._clock, self._say, self._sleep = clock, say, sleep
         self._right = 0.0
+        self._doubted = False
 
     def now(self) -> float:
         """[s since 1970]."""
@@ -55,6 +58,11 @@ class Wall:
         if told is None or abs(told - self.now()) <= TOLERATED:
             return
         off = told - self._clock()
+        if abs(off) > FARTHEST:
+            if not self._doubted:
+                self._doubted = True
+                self._say(f"clock: a receiver that is {abs(off):.3g} s off is not believed")
+            return
         self._right = off
         how = "behind" if off > 0 else "ahead of"
         self._say(f"clock: is {abs(off):.1f} s {how} what receivers say, and goes by theirs")

@@ -147,7 +147,8 @@ class Watch:
     def _take(self, content: bytes, stands: float, records: list[Record]) -> None:
         # Members' clocks, not this machine's: nobody is early but who is later than the run ends, nobody stale. What a
         # member's own time is worth `Picture` finds out of all of them; who joins late can ask for no more than that.
-        beacon = self.gate.admit(content, min(stands, self.picture.end))
+        on_time = stands <= self.picture.clock + self._law.patience
+        beacon = self.gate.admit(content, min(stands, self.picture.end), remember=on_time)
         if beacon is None:
             return
         self._beacon = time.monotonic()

@@ -178,11 +178,13 @@ class BeaconGate:
         self._certificates: dict[str, Certificate] = {}  # the last one of each member that was found true
         self._last: dict[str, tuple[float, int]] = {}  # when its session began, and its last sequence number
 
-    def admit(self, raw: bytes, now: float) -> Beacon | None:
+    def admit(self, raw: bytes, now: float, *, remember: bool = True) -> Beacon | None:
         """The beacon, or None where it is dropped; never raises, whatever the bytes.
 
         Args:
             now: [s], on the clock of the beacons.
+            remember: that older ones of its sender are replays from now on; not where the sender's clock may be false,
+                or its true beacons would be dropped once it is right.
         """
         sealed = parse(raw)
         reason = Dropped.MALFORMED if sealed is None else self._fault(sealed, now)
@@ -191,7 +193,8 @@ class BeaconGate:
             return None
         beacon, certificate = sealed.beacon, sealed.certificate
         self._certificates[beacon.sender] = certificate
-        self._last[beacon.sender] = (certificate.issued, sealed.sequence)
+        if remember:
+            self._last[beacon.sender] = (certificate.issued, sealed.sequence)
         self.admitted += 1
         return beacon
 
