@@ -73,6 +73,7 @@ def test_who_takes_off_loses_its_turn_and_who_is_told_nothing_stays():
     assert not here.landed.any()
 
 
+@settings(max_examples=40, deadline=None)
 @given(
     uavs=st.integers(1, 6),
     places=st.integers(1, 4),
@@ -93,12 +94,12 @@ def test_the_way_is_straight_and_ends_at_the_point():
     np.testing.assert_allclose(there, [[100 / 2**0.5] * 2, [500.0, 500.0], [500.0, 500.0]])
 
 
-@settings(max_examples=60)
+@settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     speed=st.sampled_from([3.0, 10.0, 15.0, 30.0]),
     reserve=st.sampled_from([0.0, 3.0, 20.0]),
-    battery=st.sampled_from([5.0, 20.0, 150.0]),
+    battery=st.sampled_from([4.0, 10.0]),
     late=st.booleans(),
 )
 def test_whatever_a_uav_does_it_comes_to_a_charging_point_above_its_reserve(seed, speed, reserve, battery, late):

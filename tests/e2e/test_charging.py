@@ -19,10 +19,10 @@ from skyrelay.simulation.world import World
 pytestmark = pytest.mark.xdist_group("e2e")
 
 QUEUE = (
-    "mobility.vehicles=20",
+    "mobility.vehicles=12",
     "fleet.uavs=9",
     "fleet.battery=[35, 80]",
-    "coordination.steps=120",
+    "coordination.steps=100",
     "coordination.period_steps=10",
     "energy.battery=30",
     "charging=[]",

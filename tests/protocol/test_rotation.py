@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skyrelay.airspace.law import Law
@@ -71,6 +71,7 @@ def in_time(count, left, hold, busy, slots, pace):
     return not queue
 
 
+@settings(deadline=None)
 @given(st.data())
 def test_the_fewest_leave_with_which_all_find_a_place(data):
     count = data.draw(st.integers(0, 7))
