@@ -145,3 +145,8 @@ def test_an_error_can_quote_a_number_of_any_length_and_a_table_of_any_depth():
     assert str(UsageError("name", deep, "a name")) == "name: is a dict; expected a name"
     while deep:  # or its end would be as deep
         deep = deep["a"]
+
+
+def test_an_error_quotes_no_name_and_password_of_an_address():
+    told = str(UsageError("chain.chain_id", "https://user:hunter2@node.example:8545/x", "a number"))
+    assert told == "chain.chain_id: is 'https://...@node.example:8545/x'; expected a number"

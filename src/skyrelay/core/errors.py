@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 
@@ -88,4 +89,5 @@ def _quote(value: object, limit: int = 120) -> str:
         text = " ".join((repr(value) if isinstance(value, str) else str(value)).split())
     except (ValueError, RecursionError):  # a number that Python does not write in tens, tables without end
         text = f"a number of {value.bit_length():,} bits" if isinstance(value, int) else f"a {type(value).__name__}"
+    text = re.sub(r"(?<=://)[^/\s]*@", "...@", text)  # of an address in the wrong place: its name and password
     return text if len(text) <= limit else text[: limit - 3] + "..."
