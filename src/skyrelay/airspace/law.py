@@ -12,6 +12,7 @@ from skyrelay.airspace.flight import ACTIONS, move
 from skyrelay.airspace.guard import keep_apart
 from skyrelay.airspace.network import Network
 from skyrelay.airspace.rotor import rated
+from skyrelay.airspace.wind import Weather
 from skyrelay.core.entities import FloatArray, IntArray
 from skyrelay.core.resolved import ResolvedScenario, charging_points
 from skyrelay.core.scenario import Energy
@@ -42,6 +43,7 @@ class Law:
         rotates: whether they go there by one plan, and not each when it must.
         dispatch: whether they go where bandwidth lacks, between two periods.
         period_steps: between two selections.
+        weather: the wind; None: still air.
     """
 
     grid: ZoneGrid
@@ -57,6 +59,7 @@ class Law:
     rotates: bool = False
     dispatch: bool = False
     period_steps: int = 1
+    weather: Weather | None = None
 
     @classmethod
     def of(cls, scenario: ResolvedScenario, grid: ZoneGrid) -> Law:
@@ -73,7 +76,7 @@ class Law:
             reach=fleet.range,
             speed=fleet.speed,
             seconds=coordination.step_seconds,
-            energy=rated(scenario.energy, fleet.speed),
+            energy=rated(scenario.energy, fleet.speed, scenario.wind.speed),
             walls=sides,
             patience=coordination.patience,
             network=Network.of(scenario, fleet.range, sides),
@@ -82,6 +85,7 @@ class Law:
             rotates=scenario.energy.rotation == "rotate",
             dispatch=coordination.dispatch,
             period_steps=coordination.period_steps,
+            weather=Weather.of(scenario.wind, scenario.seed),
         )
 
     @property

@@ -64,10 +64,13 @@ def per_minute(power: Any, battery: float) -> Any:
     return power / (60.0 * battery) * 100.0
 
 
-def rated(energy: Energy, speed: float) -> Energy:
-    """A scenario's energy with what hovering and moving at a speed [m/s] cost, by its model."""
+def rated(energy: Energy, speed: float, wind: float = 0.0) -> Energy:
+    """A scenario's energy with what hovering in a wind and moving at an airspeed cost [m/s], by its model.
+
+    Who hovers in a wind flies at its speed through the air.
+    """
     if energy.model == "linear":
         return energy
-    power = Rotor().power(np.array([0.0, speed])) + energy.payload
+    power = Rotor().power(np.array([wind, speed])) + energy.payload
     hover, move = per_minute(power, energy.battery).tolist()
     return energy.model_copy(update={"hover_per_minute": hover, "move_per_minute": move})

@@ -288,6 +288,16 @@ class Energy(_Section):
         return self
 
 
+class Wind(_Section):
+    """The same over the whole area; UAVs counter it by their airspeed, and make less way against it."""
+
+    speed: Speed = Field(0.0, description="of the wind, without gusts [m/s]; with them below fleet.speed")
+    direction: Annotated[Real, Field(ge=0, le=360)] = Field(
+        270.0, description="that it blows from, clockwise from north [degrees]"
+    )
+    gusts: Speed = Field(0.0, description="by how much at most it is stronger or weaker, over the time [m/s]")
+
+
 Coordinate = Annotated[Real, Field(ge=-100_000_000, le=100_000_000)]
 Ring = Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(max_length=10_000), AfterValidator(_ring)]
 
@@ -461,6 +471,7 @@ class Scenario(_Section):
     selection: Selection = Selection()
     coordination: Coordination = Coordination()
     energy: Energy = Energy()
+    wind: Wind = Wind()
     obstacles: Obstacles = Obstacles()
     radio: Radio = Radio()
     gateways: Annotated[tuple[Gateway, ...], Field(max_length=1000)] = ()
@@ -499,6 +510,18 @@ class Scenario(_Section):
         """A period has six claims at the most: what proves one wrong has to fit a transaction."""
         if self.chain.allocation == "optimistic" and self.selection.rounds > 6:
             raise ValueError(f"selection.rounds of at most 6 with an optimistic allocation ({self.selection.rounds})")
+        return self
+
+    @model_validator(mode="after")
+    def _against_the_wind(self) -> Scenario:
+        """A UAV that cannot hold its place against the wind holds neither its zone nor its distance to others."""
+        strongest, speed = self.wind.speed + self.wind.gusts, self.fleet.speed
+        if strongest >= speed:
+            raise ValueError(
+                f"wind.speed and wind.gusts slower than fleet.speed together ({strongest:g} and {speed:g})"
+            )
+        if strongest and (self.energy.places or self.charging):
+            raise ValueError("still air where there are charging places: the way to them is not reckoned with wind")
         return self
 
     @model_validator(mode="after")

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from skyrelay.airspace import flight as rules
 from skyrelay.airspace.charging import straight
 from skyrelay.airspace.law import Law
+from skyrelay.airspace.wind import progress
 from skyrelay.core.entities import FloatArray, IntArray
 from skyrelay.protocol.messages import Fix
 from skyrelay.simulation.world import Fleet
@@ -76,6 +77,7 @@ class Flight:
         self._demand = demand
         self.owner: IntArray = np.full(len(demand), NOBODY)
         self.actions = np.zeros(len(fleet.ids), dtype=np.int8)
+        self._steps = 0  # flown
 
     @property
     def selected(self) -> npt.NDArray[np.bool_]:
@@ -125,12 +127,19 @@ class Flight:
             ]
             low, high = (np.array(corners) for corners in zip(*fences, strict=True))
             moved = rules.move(here, self.actions[rows], self._law.stride, low, high)
+            if self._law.weather is not None:
+                wind = self._law.weather.at(self._steps * self._law.seconds)
+                moved = (
+                    here
+                    + (moved - here) * progress(self.actions[rows].astype(np.int64), wind, self._law.speed)[:, None]
+                )
             self.fleet.x[rows], self.fleet.y[rows] = moved[:, 0], moved[:, 1]
         rows = np.flatnonzero(self.actions >= rules.ACTIONS)
         if len(rows):
             goals = self._law.places.points[self.actions[rows] - rules.ACTIONS]
             moved = straight(self._positions(rows), goals, self._law.stride)
             self.fleet.x[rows], self.fleet.y[rows] = moved[:, 0], moved[:, 1]
+        self._steps += 1
         self.fleet.drain(self._law, self.actions)
 
     def spent(self) -> IntArray:
