@@ -104,7 +104,7 @@ test-sumo: $(VENV)/sumo/.ready ## traces recorded from the real simulator (insta
 $(VENV)/peers/.ready: pyproject.toml constraints-peers.txt
 	@echo "Installing PyTorch, TorchRL, BenchMARL and VMAS into $(VENV)/peers (5 GB)"
 	@$(PYTHON) -m venv $(VENV)/peers
-	@$(VENV)/peers/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints-peers.txt torch vmas pytest --editable ".[peers]"
+	@$(VENV)/peers/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints-peers.txt torch vmas mpe2 pytest --editable ".[peers]"
 	@touch $@
 
 $(VENV)/jaxmarl/.ready: constraints-jaxmarl.txt
