@@ -1,10 +1,13 @@
 """`skyrelay evaluate` and `skyrelay baseline`: the same options, the same episodes."""
 
 import json
+from importlib.resources import files
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+
+from skyrelay.experiments import suite_tasks
 
 NUMBERS = ("--uavs", "2", "--vehicles", "2-5", "--episodes", "6", "--json")
 
@@ -67,3 +70,56 @@ def test_a_planner_cannot_look_ahead_in_a_trace(skyrelay, trace):
     ended = skyrelay("baseline", "planner", "--trace", trace, *NUMBERS)
     assert ended.status == 2
     assert "planner" in ended.err
+
+
+def test_a_suite_is_the_same_episodes_for_everybody_and_goes_on_where_it_stopped(skyrelay, tmp_path, monkeypatch):
+    task = suite_tasks.GameTask("one", 2, 2, radio="air-to-ground", gateway=True, hovering=0.5, best=1.0)
+    tiny = suite_tasks.Suite("tiny-v1", "Tiny", (task,), 2, 2)
+    monkeypatch.setattr(suite_tasks, "suites", lambda: {"tiny-v1": tiny})
+    file = files("skyrelay.data") / "policies" / "generalist.onnx"
+    options = (
+        "evaluate",
+        "--suite",
+        "tiny",
+        "--only",
+        "static,generalist",
+        "--policy",
+        f"twice={file},{file}",
+        "--json",
+    )
+    first = outcome(skyrelay(*options, "--out", tmp_path))
+    assert {method["name"] for method in first["methods"]} == {"generalist", "static", "twice"}
+    journal = tmp_path / "journal.jsonl"
+    whole = journal.read_bytes()
+    journal.write_bytes(b"".join(whole.splitlines(keepends=True)[:2]) + b'{"task": "one-')  # killed while it wrote
+    assert outcome(skyrelay(*options, "--out", tmp_path)) == first
+    assert journal.read_bytes() == whole
+    assert "tiny-v1" in (tmp_path / "leaderboard.html").read_text()
+
+    rows = pq.read_table(tmp_path / "results.parquet").to_pylist()
+    by = {}
+    for row in rows:
+        by.setdefault(row.pop("method"), []).append(row)
+    # Each file flies the run of its own number; the same file flies both as one does alone.
+    assert by["generalist"] == by["twice"] != by["static"]
+    assert [(row["run"], row["episode"]) for row in by["twice"]] == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    for row in rows:
+        assert 0.0 <= row["delivered"] <= row["carried"] + 1e-6 <= 1.0 + 1e-5
+        assert row["return"] == pytest.approx(100 * (row["coverage"] + row["connectivity"] - 2), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (["--suite", "chess"], ["--suite", "'chess'", "sizes-v1"]),
+        (["--suite", "smoke", "--uavs", "3"], ["--suite", "--uavs"]),
+        (["generalist", "--suite", "smoke"], ["--suite", "model"]),
+        (["generalist", "--only", "cover"], ["--only", "--suite beside it"]),
+        ([], ["MODEL", "--suite"]),
+    ],
+)
+def test_suites_that_do_not_fit(skyrelay, arguments, parts):
+    ended = skyrelay("evaluate", *arguments)
+    assert (ended.status, ended.out) == (2, "")
+    for part in parts:
+        assert part in ended.err

@@ -197,3 +197,55 @@ def test_rows_with_a_uav_are_dealt_evenly_and_before_any_other(pieces, size):
         full = active[dealt].sum(1)
         assert full.sum() == min(active.sum(), dealt.size)
         assert full.max() - full.min() <= 1
+
+
+def test_advantages_by_agent_leave_what_the_critic_is_to_expect(tiny):
+    random = np.random.default_rng(0)
+    shape = (5, 4, 2)
+    active = random.random(shape) < 0.7
+    value, advantage = random.normal(size=(2, *shape)) * np.array([1.0, 7.0])
+    maps, action = jnp.zeros((*shape, 6, 5, 5), jnp.uint8), jnp.zeros(shape, jnp.int32)
+    rows = [jnp.asarray(array, jnp.float32) for array in (np.zeros(shape), value, advantage)]
+    before = ppo.Experience(maps, action, *rows, jnp.asarray(active))
+    after = ppo.normalised_by_agent(before)
+    for agent in range(2):
+        mine = active[..., agent]
+        own = advantage[..., agent][mine]
+        expected = (own - own.mean()) / own.std()
+        np.testing.assert_allclose(after.advantage[..., agent][mine], expected, rtol=1e-4)
+    np.testing.assert_allclose((after.advantage + after.value)[active], (value + advantage)[active], atol=1e-5)
+    # They go into the loss as they are; else each minibatch has its own.
+    flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[3:]), after)
+    config = tiny.hyperparameters
+    nets = [make(jax.random.key(0), config.actor) for make in (networks.actor, networks.critic)]
+    scaled = flat._replace(advantage=3.0 * flat.advantage)
+    own, other = (
+        [float(ppo.loss(nets, batch, one, 2)[1]["policy_loss"]) for batch in (flat, scaled)]
+        for one in (dataclasses.replace(config, per_agent=True), config)
+    )
+    assert own[1] == pytest.approx(3.0 * own[0], rel=1e-4)
+    assert other[1] == pytest.approx(other[0], rel=1e-4)
+
+
+def test_where_the_time_limit_is_the_end_nothing_is_expected_after_it(tiny):
+    def last_step(ends):
+        config = dataclasses.replace(tiny.hyperparameters, horizon=1, shaping=0.0, time_limit_ends=ends, gamma=0.9)
+        learner = ppo.begin(jax.random.key(0), config, tiny.shape, tiny.domain, tiny.updates)
+        clocks = jnp.asarray([tiny.shape.steps - 1, 2, tiny.shape.steps - 1, 3], jnp.int32)
+        learner = eqx.tree_at(lambda state: state.games.time, learner, clocks)
+        _, experience, score = eqx.filter_jit(lambda learner: ppo.collect(learner, config, tiny.domain))(learner)
+        return (experience.advantage + experience.value)[0], score.credit[0], experience.active[0]
+
+    (gone, credit, active), (kept, _, _) = last_step(True), last_step(False)
+    np.testing.assert_allclose(gone[0::2][active[0::2]], credit[0::2][active[0::2]], atol=1e-5)
+    np.testing.assert_array_equal(gone[1::2], kept[1::2])
+    assert (np.abs(gone[0::2] - kept[0::2])[active[0::2]] > 1e-4).any()
+
+
+def test_a_critic_may_have_a_rate_of_its_own(tiny):
+    config = dataclasses.replace(tiny.hyperparameters, learning_rate=1e-4, critic_rate=1e-2, anneal=False)
+    weights = {"weight": jnp.ones(3)}, {"weight": jnp.ones(3)}
+    adam = ppo.optimizer(config, 10)
+    steps, _ = adam.update(weights, adam.init(weights), weights)
+    np.testing.assert_allclose(steps[0]["weight"], -1e-4, rtol=1e-3)
+    np.testing.assert_allclose(steps[1]["weight"], -1e-2, rtol=1e-3)

@@ -159,7 +159,10 @@ def test_presets():
         assert looks.shape.maps[-2:] == ("safe_moves", "cover_nearby")
         plain = preset(name, (3, 3), (20, 20), **options, paper_maps=True)
         assert plain.hyperparameters.actor.maps == plain.shape.maps == looks.shape.maps[:-2]
-    assert preset("paper", (3, 3), (20, 20)).shape.maps == PAPER_MAPS
+    authors = preset("authors", (3, 3), (20, 20))
+    assert authors.hyperparameters.actor == paper.hyperparameters.actor
+    assert authors.hyperparameters.steps_per_update == paper.hyperparameters.steps_per_update
+    assert authors.shape.maps == preset("paper", (3, 3), (20, 20)).shape.maps == PAPER_MAPS
     assert not preset("fast", (3, 3), (20, 20), games="energy").shape.outlook
     with pytest.raises(UsageError, match=r"training\.steps"):
         preset("fast", (3, 3), (20, 20), steps=0)

@@ -256,7 +256,7 @@ def _luminance(colour: str) -> float:
 @pytest.mark.parametrize("theme", [":root {", ':root[data-theme="dark"] {'])
 def test_colours_are_told_from_what_they_lie_on(theme: str) -> None:
     """3:1 for what is drawn on the map, 4.5:1 for text (WCAG 2, 1.4.11 and 1.4.3)."""
-    style = (files("skyrelay.report") / "assets" / "page.css").read_text("utf-8")
+    style = (files("skyrelay.report") / "assets" / "colours.css").read_text("utf-8")
     colours = dict(re.findall(r"--(\w+): (#\w{6})", style.partition(theme)[2].partition("}")[0]))
     drawn = [f"c{index}" for index in range(COLOURS)] + ["grey", "zone", "street", "disc", "warn"]
     pairs = [(name, "map", 3.0) for name in drawn]

@@ -19,7 +19,7 @@ from skyrelay.airspace.flight import ACTIONS, move
 from skyrelay.coordination import game
 from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape
-from skyrelay.learning.evaluation import per_episode
+from skyrelay.learning.evaluation import Also, per_episode
 from skyrelay.learning.networks import Network
 from skyrelay.learning.ppo import EACH, Decider, new_games
 
@@ -84,10 +84,12 @@ class Episodes(NamedTuple):
     Attributes:
         start: scores of the state that each episode starts from, which counts for nothing.
         steps: scores of the states that the team's actions led to.
+        also: what else was asked of those states.
     """
 
     start: Score
     steps: Score
+    also: Array | None = None
 
     @property
     def measures(self) -> Float[Array, "4 episodes"]:
@@ -113,9 +115,15 @@ def play(player: Player, key: PRNGKeyArray, episodes: int, shape: Shape, domain:
     return play_from(player, key, _new_games(key, episodes, shape, domain))
 
 
-def play_from(player: Player, key: PRNGKeyArray, games: game.State, traces: game.Trace | None = None) -> Episodes:
-    """The same from given starts, with replayed vehicles where there are ``traces``."""
-    return _played(player, jax.random.fold_in(key, 1), games, traces)
+def play_from(
+    player: Player,
+    key: PRNGKeyArray,
+    games: game.State,
+    traces: game.Trace | None = None,
+    also: Also | None = None,
+) -> Episodes:
+    """The same from given starts, with replayed vehicles where there are ``traces``; ``also`` of each state led to."""
+    return _played(player, jax.random.fold_in(key, 1), games, traces, also)
 
 
 RUN_ONCE = {"xla_backend_optimization_level": 0}
@@ -126,11 +134,13 @@ _new_games = jax.jit(new_games, static_argnums=(1, 2, 3), compiler_options=RUN_O
 
 
 @eqx.filter_jit
-def _played(player: Player, key: PRNGKeyArray, games: game.State, traces: game.Trace | None) -> Episodes:
+def _played(
+    player: Player, key: PRNGKeyArray, games: game.State, traces: game.Trace | None, also: Also | None
+) -> Episodes:
     games, memory = jax.vmap(player.begin)(jax.random.split(key, games.time.shape[0]), games)
     start = jax.vmap(game.measure)(games)
 
-    def turn(carry: tuple[game.State, Memory], time: Int[Array, ""]) -> tuple[tuple[game.State, Memory], Score]:
+    def turn(carry: tuple[game.State, Memory], time: Int[Array, ""]) -> tuple[tuple[game.State, Memory], Any]:
         games, memory = carry
         if player.period:
             # All games share the clock, so that this stays a branch: inside vmap both sides would be computed.
@@ -138,10 +148,10 @@ def _played(player: Player, key: PRNGKeyArray, games: game.State, traces: game.T
             memory = jax.lax.cond(due, jax.vmap(player.plan), lambda _, kept: kept, games, memory)
         actions, memory = jax.vmap(player.act)(games, memory)
         games, transition = jax.vmap(game.step)(games, actions, traces)
-        return (games, memory), transition.score
+        return (games, memory), (transition.score, None if also is None else jax.vmap(also)(games))
 
-    _, steps = jax.lax.scan(turn, (games, memory), jnp.arange(games.shape.steps))
-    return Episodes(start, steps)
+    _, (steps, further) = jax.lax.scan(turn, (games, memory), jnp.arange(games.shape.steps))
+    return Episodes(start, steps, further)
 
 
 def choices(state: game.State) -> Float[Array, "9 uavs 2"]:

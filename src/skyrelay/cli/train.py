@@ -20,7 +20,9 @@ def command(
     preset: Annotated[
         str,
         typer.Option(
-            "--preset", help="fast (seconds on a CPU), generalist (many scales) or paper (its network and table)."
+            "--preset",
+            help="fast (seconds on a CPU), generalist (many scales), paper (its network and table) or authors (their "
+            "public code's variant of it).",
         ),
     ] = "fast",
     uavs: Annotated[str, typer.Option("--uavs", help="Team size, or a range: 2-5.")] = "3",
@@ -103,7 +105,7 @@ def command(
     begin = time.monotonic()
     line = shlex.join(["skyrelay", "train", *_arguments(sys.argv)])
     with sole_writer(out), TrainingProgress() as progress:
-        if preset == "paper":
+        if preset in ("paper", "authors"):
             progress.promise(estimate(config))  # hours on a CPU
         if seeds > 1:
             results = train_side_by_side(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +17,7 @@ from skyrelay.airspace.maps import OUTLOOK_MAPS, RANGE_MAPS, chosen, normalise
 from skyrelay.coordination import game
 from skyrelay.coordination.reward import Score
 from skyrelay.coordination.settings import Domain, Shape
+from skyrelay.core.errors import UsageError
 from skyrelay.core.statistics import interval
 from skyrelay.learning.networks import Network
 from skyrelay.learning.ppo import EACH, Decider, new_games
@@ -25,6 +26,9 @@ from skyrelay.policy import Policy
 UNSEEN = 2**31
 """Folded into a seed's key for evaluation: no training plays these games."""
 MEASURES = ("return", "coverage", "connectivity", "connectivity_neighbor")
+
+Also = Callable[[game.State], Array]
+"""What else is measured of a game's state, beside its score."""
 
 
 @eqx.filter_jit
@@ -66,13 +70,16 @@ def episodes_of(
         games: the starts of the episodes, a leading axis of games.
         traces: their vehicles where they are replayed (`skyrelay.coordination.replay`).
     """
-    return per_episode(_scores_of(decide, games, traces))
+    return per_episode(_measured(decide, games, traces, None)[0])
 
 
-def _scores_of(
-    decide: Callable[[npt.NDArray[np.float32]], npt.NDArray[np.int64]], games: game.State, traces: game.Trace | None
-) -> Score:
-    """Scores [steps, episodes] of the states that the policy's actions led to."""
+def _measured(
+    decide: Callable[[npt.NDArray[np.float32]], npt.NDArray[np.int64]],
+    games: game.State,
+    traces: game.Trace | None,
+    also: Also | None,
+) -> tuple[Score, Array | None]:
+    """Scores [steps, episodes] of the states that the policy's actions led to, and what else is asked of them."""
     shape = games.shape
 
     @jax.jit
@@ -81,15 +88,15 @@ def _scores_of(
         return jnp.reshape(maps, (-1, *maps.shape[2:]))
 
     @jax.jit
-    def play(games: game.State, actions: Int[Array, " rows"]) -> tuple[game.State, Score]:
+    def play(games: game.State, actions: Int[Array, " rows"]) -> tuple[game.State, tuple[Score, Array | None]]:
         games, transition = jax.vmap(game.step)(games, actions.reshape(-1, shape.uavs), traces)
-        return games, transition.score
+        return games, (transition.score, None if also is None else jax.vmap(also)(games))
 
-    scores = []
+    rows = []
     for _ in range(shape.steps):
-        games, score = play(games, jnp.asarray(decide(np.asarray(look(games)))))
-        scores.append(score)
-    stacked: Score = jax.tree.map(lambda *rows: jnp.stack(rows), *scores)
+        games, row = play(games, jnp.asarray(decide(np.asarray(look(games)))))
+        rows.append(row)
+    stacked: tuple[Score, Array | None] = jax.tree.map(lambda *each: jnp.stack(each), *rows)
     return stacked
 
 
@@ -146,16 +153,35 @@ def flight(policy: Policy, games: game.State, traces: game.Trace | None = None) 
 
 
 def policy_scores(policy: Policy, games: game.State, traces: game.Trace | None = None) -> Score:
-    """The same, step by step: scores [steps, episodes].
+    """The same, step by step: scores [steps, episodes]."""
+    return flown([policy], games, traces)[0]
+
+
+def flown(
+    policies: Sequence[Policy], games: game.State, traces: game.Trace | None = None, also: Also | None = None
+) -> tuple[Score, Array | None]:
+    """Scores [steps, episodes] of whole episodes, and ``also`` [steps, episodes, ...] of the same states.
 
     A policy does not see maps that it was not trained on; maps that it wants and the games lack are empty, but for the
     range and the outlook, which a UAV always knows.
+
+    Args:
+        policies: each flies an equal share of the games, in their order; all look at the same maps.
+    Raises:
+        UsageError: they do not, or the games cannot be shared out.
     """
+    policy, count = policies[0], len(policies)
+    for other in policies[1:]:
+        if (other.card.maps, other.n, other.zoom) != (policy.card.maps, policy.n, policy.zoom):
+            raise UsageError(f"policy {other.card.name}", "other maps", f"those of {policy.card.name}")
+    if games.time.shape[0] % count:
+        raise UsageError("policies", count, f"a number that {games.time.shape[0]} games can be shared out to")
     wants = set(policy.card.maps)
     shape = replace(games.shape, tells_range=set(RANGE_MAPS) <= wants, outlook=set(OUTLOOK_MAPS) <= wants)
     games = replace(games, shape=shape)
 
     def decide(maps: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
-        return policy.decide(chosen(maps, shape.maps, policy.card.maps))
+        seen = np.split(chosen(maps, shape.maps, policy.card.maps), count)
+        return np.concatenate([one.decide(part) for one, part in zip(policies, seen, strict=True)])
 
-    return _scores_of(decide, games, traces)
+    return _measured(decide, games, traces, also)

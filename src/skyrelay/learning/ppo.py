@@ -66,6 +66,10 @@ class Hyperparameters:
         shaping: share of the training over which gamma Phi(s') - Phi(s) is added to the reward, its weight falling from
             1 to 0; Phi is `skyrelay.coordination.reward.potential`. 0 for never.
         symmetries: optimise on experience that is turned and mirrored at random.
+        critic_rate: learning rate of the critic where it has its own, falling likewise.
+        time_limit_ends: nothing is expected after an episode's last step, as if the game were over then.
+        per_agent: advantages are normalised for each place in the team, over all that was collected; else in each
+            minibatch.
     """
 
     actor: Architecture
@@ -87,6 +91,9 @@ class Hyperparameters:
     link_margin: float = 0.0
     shaping: float = 0.0
     symmetries: bool = False
+    critic_rate: float | None = None
+    time_limit_ends: bool = False
+    per_agent: bool = False
 
     @property
     def steps_per_update(self) -> int:
@@ -297,8 +304,14 @@ def potential_change(games: game.State, moved: game.State, config: Hyperparamete
 def optimizer(config: Hyperparameters, total_updates: int) -> optax.GradientTransformation:
     """Adam with a bound on the gradient's norm."""
     turns = total_updates * config.epochs * config.minibatches
-    rate = optax.linear_schedule(config.learning_rate, 0.0, turns) if config.anneal else config.learning_rate
-    return optax.chain(optax.clip_by_global_norm(config.max_gradient), optax.adam(rate, eps=1e-5))
+
+    def adam(rate: float) -> optax.GradientTransformation:
+        return optax.adam(optax.linear_schedule(rate, 0.0, turns) if config.anneal else rate, eps=1e-5)
+
+    both = adam(config.learning_rate)
+    if config.critic_rate is not None:
+        both = optax.partition({"actor": both, "critic": adam(config.critic_rate)}, ("actor", "critic"))
+    return optax.chain(optax.clip_by_global_norm(config.max_gradient), both)
 
 
 def begin(key: PRNGKeyArray, config: Hyperparameters, shape: Shape, domain: Domain, total_updates: int) -> Learner:
@@ -366,6 +379,8 @@ def collect(
     next_value = jnp.where(over[..., None], value_last, jnp.concatenate([value[1:], value_now[None]]))
     # A UAV that has left expects nothing more.
     next_value = jnp.where(stays, next_value, 0.0)
+    if config.time_limit_ends:
+        next_value = jnp.where(over[..., None], 0.0, next_value)
     stop = over[..., None] | ~stays
     advantage = advantages(reward, value, next_value, stop, config.gamma, config.decay)
 
@@ -398,8 +413,10 @@ def loss(
     def mean(x: Array) -> Array:
         return jnp.sum(weight * x)
 
-    centred = batch.advantage - mean(batch.advantage)
-    advantage = centred / (jnp.sqrt(mean(centred**2)) + 1e-8)
+    advantage = batch.advantage
+    if not config.per_agent:
+        centred = batch.advantage - mean(batch.advantage)
+        advantage = centred / (jnp.sqrt(mean(centred**2)) + 1e-8)
 
     ratio = jnp.exp(log_probability - batch.log_probability)
     clipped = jnp.clip(ratio, 1.0 - config.clip, 1.0 + config.clip)
@@ -427,6 +444,8 @@ def update(
     """
     shaping = jnp.clip(1.0 - learner.updates / max(config.shaping * total_updates, 1.0), 0.0, 1.0)
     learner, experience, score = collect(learner, config, domain, shaping, decider)
+    if config.per_agent:
+        experience = normalised_by_agent(experience)
     shape = learner.games.shape
     adam = optimizer(config, total_updates)
     rows: Experience = jax.tree.map(lambda x: x.reshape(-1, *x.shape[3:]), experience)
@@ -462,6 +481,17 @@ def update(
     # Of the team's scores; what each UAV answers for has a third axis.
     metrics |= {name: jnp.mean(value) for name, value in score._asdict().items() if value.ndim == 2}
     return Learner(actor, critic, state, learner.games, key, learner.updates + 1), metrics
+
+
+def normalised_by_agent(experience: Experience) -> Experience:
+    """The same with advantages of mean 0 and deviation 1 for each place in the team [horizon, games, decisions].
+
+    What the critic is to expect, value and advantage together, stays.
+    """
+    active, advantage = experience.active, experience.advantage
+    centred = advantage - jnp.mean(advantage, (0, 1), where=active)
+    normalised = jnp.where(active, centred / (jnp.sqrt(jnp.mean(centred**2, (0, 1), where=active)) + 1e-8), 0.0)
+    return experience._replace(advantage=normalised, value=experience.value + advantage - normalised)
 
 
 def dealt(

@@ -100,6 +100,8 @@ _GENERALIST = replace(
 _PAPER = Hyperparameters(
     actor=PAPER, critic=PAPER, games=40, horizon=100, epochs=20, minibatches=24, learning_rate=3e-4, anneal=False
 )
+# As the public code of the paper's authors has it for another problem (docs/assumptions.md); it bounds no gradient.
+_AUTHORS = replace(_PAPER, minibatches=1, critic_rate=1e-3, time_limit_ends=True, per_agent=True, max_gradient=1e9)
 
 
 def with_network(config: Training, name: str, change: Callable[[Architecture], Architecture]) -> Training:
@@ -136,20 +138,21 @@ def training(
     """A training by the name of its preset.
 
     Args:
-        preset: "fast" (a CPU learns it in seconds), "generalist" (for many sizes and scales) or "paper" (the paper's
-            network and table).
+        preset: "fast" (a CPU learns it in seconds), "generalist" (for many sizes and scales), "paper" (the paper's
+            network and table) or "authors" (the same as its authors' public code has it).
         uavs, vehicles: smallest and largest numbers; each game draws its own.
         steps: of a team; None for the preset's own.
         games: as in `games_of`.
         paper_maps: learn from the paper's six maps (and those of the games) alone, without the outlook and the moves
-            that it rules out because they could break a link. Preset "paper" always does, and games with energy do: a
-            UAV that has to charge must be free to leave.
+            that it rules out because they could break a link. Presets "paper" and "authors" always do, and games with
+            energy do: a UAV that has to charge must be free to leave.
     Raises:
         UsageError: a number does not fit.
     """
-    base = {"fast": _FAST, "generalist": _GENERALIST, "paper": _PAPER}[preset]
+    base = {"fast": _FAST, "generalist": _GENERALIST, "paper": _PAPER, "authors": _AUTHORS}[preset]
+    ours = preset in ("fast", "generalist")
     n, zoom = base.actor.n, 3 if preset == "generalist" else 2
-    outlook = not paper_maps and preset != "paper" and games not in WITH_ENERGY
+    outlook = ours and not paper_maps and games not in WITH_ENERGY
     domain, shape = games_of(games, uavs, vehicles, n, zoom, outlook)
     if preset == "paper":
         # The table's horizon counts steps of a team; minibatches stay near 500 decisions whatever the team's size.
@@ -157,10 +160,10 @@ def training(
     if outlook:
         # No link is at stake: what is left to learn shows within a few steps, and is clear enough for larger strides.
         base = replace(base, gamma=0.85, learning_rate=3e-3)
-    if games in WITH_ENERGY and preset != "paper":
+    if games in WITH_ENERGY and ours:
         # What a step of charging is worth shows many steps later, and a UAV that explores hardly stays to be charged.
         base = replace(base, entropy=0.03, gamma=0.97, shaping=1.0)
     actor, critic = (replace(network, maps=shape.maps) for network in (base.actor, base.critic))
     base = replace(base, actor=actor, critic=critic)
-    default = {"fast": 400_000, "generalist": 1_500_000, "paper": 1_000_000}[preset]
+    default = {"fast": 400_000, "generalist": 1_500_000, "paper": 1_000_000, "authors": 1_000_000}[preset]
     return Training(preset, base, shape, domain, steps if steps is not None else default, seed)

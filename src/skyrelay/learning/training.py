@@ -348,11 +348,11 @@ def _keys(seeds: Sequence[int]) -> Key[Array, " seeds"]:
 def estimate(config: Training) -> float:
     """Seconds that the updates of a training will take on this machine, compilation apart.
 
-    Times a piece of one update: the same games, networks, epochs and size of minibatches over a short horizon. Both
-    collecting and optimising grow with the horizon.
+    Times a piece of one update: the same games, networks, epochs and size of minibatches (smaller ones, where there are
+    few) over a short horizon. Both collecting and optimising grow with the horizon.
     """
     whole = config.hyperparameters
-    horizon = max(1, whole.horizon // whole.minibatches)
+    horizon = max(1, whole.horizon // max(whole.minibatches, 10))
     piece = dataclasses.replace(config, hyperparameters=dataclasses.replace(whole, horizon=horizon, minibatches=1))
     start, turn = _programs(dataclasses.replace(piece, seed=0), 1, EACH)
     learners = start(_keys([config.seed]))

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import html
-import re
-from importlib.resources import files
 from pathlib import Path
 
 from skyrelay.core.files import write_text
 from skyrelay.report.payload import encode
+from skyrelay.report.template import filled
 from skyrelay.runfolder.reader import Run, read_run
 from skyrelay.runfolder.schema import Summary
 
@@ -59,10 +56,7 @@ def render_live() -> str:
 
 
 def _fill(**values: str) -> str:
-    script, style = _asset("page.js"), _asset("page.css")
-    values |= {"style": style, "script": script, "style_hash": _hash(style), "script_hash": _hash(script)}
-    # One pass, so that nothing that a value contains is taken for a place to fill in.
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: values[match[1]], _asset("page.html"))
+    return filled("page.html", ["colours.css", "page.css"], "page.js", values)
 
 
 def sentence(run: Run) -> str:
@@ -157,14 +151,6 @@ def _about(run: Run) -> str:
         for name, lines in rows
         if lines
     )
-
-
-def _asset(name: str) -> str:
-    return (files("skyrelay.report") / "assets" / name).read_text("utf-8")
-
-
-def _hash(text: str) -> str:
-    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
 def _percent(share: float | None) -> str:
