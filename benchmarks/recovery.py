@@ -113,8 +113,8 @@ class Trial:
         beacons, again, moved = [], False, False
         for arrival in self._heard[kind].take(0.0):
             sealed = parse(arrival.content)
-            if sealed is None:
-                continue
+            if sealed is None or (kind == "uavs" and sealed.beacon.asks):
+                continue  # a vehicle that nobody serves asks all UAVs of its zone
             beacon, sender = sealed.beacon, sealed.beacon.sender
             beacons.append(beacon)
             again |= self._keys.get(sender, sealed.certificate.key) != sealed.certificate.key
