@@ -4,6 +4,7 @@ pragma solidity 0.8.26;
 import {ERC20} from "@openzeppelin/contracts/token/ERC20/ERC20.sol";
 import {ECDSA} from "@openzeppelin/contracts/utils/cryptography/ECDSA.sol";
 import {MessageHashUtils} from "@openzeppelin/contracts/utils/cryptography/MessageHashUtils.sol";
+import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {SkyRelayRules} from "./SkyRelayRules.sol";
 import {IOptimisticSelection} from "./interfaces/IOptimisticSelection.sol";
 import {ISkyRelayExtension} from "./interfaces/ISkyRelayExtension.sol";
@@ -19,7 +20,7 @@ contract OptimisticSelection is SkyRelayRules, ERC20, IOptimisticSelection {
     uint256 private constant MAX_UAVS = 64;
     uint256 private constant MAX_NEW = 128;
     /// @dev Proposals to one UAV in a period.
-    uint256 private constant MAX_PROPOSALS = 256;
+    uint256 private constant MAX_PROPOSALS = 255;
     uint256 private constant TURNS = 8;
     bytes32 private constant ACKNOWLEDGEMENT = keccak256("Acknowledgement(bytes32 proposal,uint256 deadline)");
 
@@ -57,33 +58,44 @@ contract OptimisticSelection is SkyRelayRules, ERC20, IOptimisticSelection {
 
     /// @inheritdoc IOptimisticSelection
     function claim(uint32 zone, uint32 round, uint48 asOf, Share[] calldata shares) external {
-        if (shares.length > MAX_UAVS) revert OutOfRange(shares.length, MAX_UAVS);
-        address[] memory uavs = new address[](shares.length);
-        for (uint256 i = 0; i < shares.length; ++i) {
-            uavs[i] = shares[i].uav;
-            if (i != 0 && uavs[i] <= uavs[i - 1]) revert UnfitShare(uavs[i]);
-        }
-        Member[] memory records = RELAY.recordsAt(uavs, block.number);
+        (Member[] memory records, uint32 period) = _settle(zone, round, shares);
         Leaf[] memory leaves = new Leaf[](shares.length);
-        int256 moreUAVs = 0;
-        int256 moreVehicles = 0;
         for (uint256 i = 0; i < shares.length; ++i) {
-            Share calldata share = shares[i];
-            Member u = records[i];
-            if (
-                u.kind() != MemberLibrary.UAV || u.uavZone() != zone || u.battery() == 0 || u.suspended() || _isStale(u)
-                    || share.proposals.length == 0 || share.proposals.length > MAX_NEW || share.before > MAX_PROPOSALS
-            ) revert UnfitShare(share.uav);
-            leaves[i] = Leaf(share.uav, _hash(u.offered(), share));
-            uint256 served = _count(share.selected);
-            if (served != 0) ++moreUAVs;
-            if (share.before != 0) --moreUAVs;
-            moreVehicles += int256(served) - int256(share.before);
+            leaves[i] = Leaf(shares[i].uav, _hash(records[i].offered(), shares[i]));
         }
-        uint32 period = RELAY.settle(zone, round, msg.sender, moreUAVs, moreVehicles);
         Period storage p = _claimable(zone, period, asOf);
         bytes32 before = p.count == 0 ? bytes32(0) : p.rounds[p.count - 1];
         p.rounds[p.count++] = _linked(before, round, keccak256(abi.encode(leaves)));
+        emit Claimed(zone, period, round, msg.sender);
+    }
+
+    /// @inheritdoc IOptimisticSelection
+    function prove(uint32 zone, uint32 round, Share[] calldata shares) external {
+        (Member[] memory records, uint32 period) = _settle(zone, round, shares);
+        Period storage p = _begun(zone, period);
+        (p.claimant, p.number, p.asOf, p.count, p.state) = (msg.sender, period, uint48(block.number), 0, State.Final);
+        uint256 count = 0;
+        for (uint256 i = 0; i < shares.length; ++i) {
+            count += shares[i].proposals.length;
+        }
+        address[] memory vehicles = new address[](count);
+        bytes32 domain = _domain(address(RELAY));
+        count = 0;
+        for (uint256 i = 0; i < shares.length; ++i) {
+            count = _sign(vehicles, count, domain, shares[i].uav, zone, round, shares[i].proposals);
+        }
+        _requireDistinct(vehicles);
+        Member[] memory members = RELAY.recordsAt(vehicles, block.number);
+        count = 0;
+        for (uint256 i = 0; i < shares.length; ++i) {
+            Share calldata share = shares[i];
+            uint256[] memory words = new uint256[](share.proposals.length);
+            bool right = share.before == 0 && _weigh(words, 0, members, count, records[i], share.proposals);
+            if (!right || _chosen(words, 0, 0, words.length, records[i].bandwidth()) != share.selected) {
+                revert WrongShare(share.uav);
+            }
+            count += words.length;
+        }
         emit Claimed(zone, period, round, msg.sender);
     }
 
@@ -157,14 +169,55 @@ contract OptimisticSelection is SkyRelayRules, ERC20, IOptimisticSelection {
 
     // Periods
 
+    /// @dev End the zone's round on SkyRelay with these shares' numbers; the records of their UAVs.
+    function _settle(uint32 zone, uint32 round, Share[] calldata shares)
+        private
+        returns (Member[] memory records, uint32 period)
+    {
+        if (shares.length > MAX_UAVS) revert OutOfRange(shares.length, MAX_UAVS);
+        address[] memory uavs = new address[](shares.length);
+        for (uint256 i = 0; i < shares.length; ++i) {
+            uavs[i] = shares[i].uav;
+            if (i != 0 && uavs[i] <= uavs[i - 1]) revert UnfitShare(uavs[i]);
+        }
+        records = RELAY.recordsAt(uavs, block.number);
+        int256 moreUAVs = 0;
+        int256 moreVehicles = 0;
+        for (uint256 i = 0; i < shares.length; ++i) {
+            Share calldata share = shares[i];
+            Member u = records[i];
+            // slither-disable-start incorrect-equality (of lengths; the time is in another term)
+            if (
+                u.kind() != MemberLibrary.UAV || u.uavZone() != zone || u.battery() == 0 || u.suspended() || _isStale(u)
+                    || share.proposals.length == 0 || share.proposals.length > MAX_NEW || share.before > MAX_PROPOSALS
+            ) revert UnfitShare(share.uav);
+            // slither-disable-end incorrect-equality
+            uint256 served = _count(share.selected);
+            unchecked {
+                if (served != 0) ++moreUAVs;
+                if (share.before != 0) --moreUAVs;
+                moreVehicles += int256(served) - int256(share.before);
+            }
+        }
+        period = RELAY.settle(zone, round, msg.sender, moreUAVs, moreVehicles);
+    }
+
+    /// @dev The place of a period that has no claims yet; who had it before has its bond back.
+    function _begun(uint32 zone, uint32 period) private returns (Period storage p) {
+        p = _periods[zone][period % TURNS];
+        // slither-disable-next-line incorrect-equality (of numbers that count up)
+        if (p.number == period) revert NotYourPeriod(zone, period);
+        if (p.state == State.Open) {
+            if (block.number <= _until(p)) revert NotInState(p.state);
+            _release(zone, p);
+        }
+    }
+
     /// @dev The period's claims, which the caller may add one to: the first one takes the bond.
     function _claimable(uint32 zone, uint32 period, uint48 asOf) private returns (Period storage p) {
         p = _periods[zone][period % TURNS];
         if (p.number != period) {
-            if (p.state == State.Open) {
-                if (block.number <= _until(p)) revert NotInState(p.state);
-                _release(zone, p);
-            }
+            p = _begun(zone, period);
             if (asOf >= block.number || block.number > asOf + WINDOW) revert OutOfTime(asOf);
             (p.claimant, p.number, p.asOf, p.count, p.state) = (msg.sender, period, asOf, 0, State.Open);
             _transfer(msg.sender, address(this), BOND);
@@ -204,6 +257,7 @@ contract OptimisticSelection is SkyRelayRules, ERC20, IOptimisticSelection {
             chain = _linked(chain, round.round, keccak256(abi.encode(round.leaves)));
             uint256 place = _place(round, part.uav);
             if (place != type(uint256).max) {
+                // slither-disable-next-line incorrect-equality (of hashes)
                 bool shown = round.share.uav == part.uav && round.leaves[place].share == _hash(round.record, round.share);
                 if (!shown) revert NotClaimed();
             }
@@ -226,13 +280,11 @@ contract OptimisticSelection is SkyRelayRules, ERC20, IOptimisticSelection {
             Round calldata round = part.rounds[k];
             if (_place(round, part.uav) == type(uint256).max) continue;
             SignedProposal[] calldata proposals = round.share.proposals;
-            for (uint256 i = 0; i < proposals.length; ++i) {
-                words[count] = _word(members[count], round.record, proposals[i].terms, count);
-                if (words[count++] == 0) return false;
-            }
+            if (!_weigh(words, count, members, count, round.record, proposals)) return false;
             if (round.share.before != _count(held)) return false;
-            held = _chosen(words, held, count - proposals.length, count, round.record.bandwidth());
+            held = _chosen(words, held, count, count + proposals.length, round.record.bandwidth());
             if (held != round.share.selected) return false;
+            count += proposals.length;
         }
         return true;
     }
@@ -250,12 +302,79 @@ contract OptimisticSelection is SkyRelayRules, ERC20, IOptimisticSelection {
         for (uint256 k = 0; k < part.rounds.length; ++k) {
             Round calldata round = part.rounds[k];
             if (_place(round, part.uav) == type(uint256).max) continue;
-            SignedProposal[] calldata proposals = round.share.proposals;
-            for (uint256 i = 0; i < proposals.length; ++i) {
-                vehicles[count++] = _signer(_digest(domain, part.uav, zone, round.round, proposals[i].terms), proposals[i]);
-            }
+            count = _sign(vehicles, count, domain, part.uav, zone, round.round, round.share.proposals);
         }
         return (vehicles, true);
+    }
+
+    /// @dev Enter who signed some proposals from place `count` on; the place after them.
+    function _sign(
+        address[] memory vehicles,
+        uint256 count,
+        bytes32 domain,
+        address uav,
+        uint32 zone,
+        uint32 round,
+        SignedProposal[] calldata proposals
+    ) private pure returns (uint256) {
+        for (uint256 i = 0; i < proposals.length; ++i) {
+            uint256 free = _freeMemory();
+            vehicles[count++] = _signer(_digest(domain, uav, zone, round, proposals[i].terms), proposals[i]);
+            _free(free);
+        }
+        return count;
+    }
+
+    // slither-disable-next-line assembly
+    function _freeMemory() private pure returns (uint256 pointer) {
+        assembly ("memory-safe") {
+            pointer := mload(0x40)
+        }
+    }
+
+    /// @dev Use the memory again that was taken since: it costs the more, the more of it there is.
+    // slither-disable-next-line assembly
+    function _free(uint256 pointer) private pure {
+        assembly ("memory-safe") {
+            mstore(0x40, pointer)
+        }
+    }
+
+    /// @dev Enter some proposals as Algorithm 2 orders them, from place `first` on; false where one would have been refused.
+    function _weigh(
+        uint256[] memory words,
+        uint256 first,
+        Member[] memory members,
+        uint256 member,
+        Member u,
+        SignedProposal[] calldata proposals
+    ) private view returns (bool) {
+        unchecked {
+            for (uint256 i = 0; i < proposals.length; ++i) {
+                uint256 word = _word(members[member + i], u, proposals[i].terms, first + i);
+                // slither-disable-next-line incorrect-equality (0 is what was refused)
+                if (word == 0) return false;
+                words[first + i] = word;
+            }
+        }
+        return true;
+    }
+
+    /// @dev Each vehicle proposes once. A table in memory, four times as large, each one's place in it by its address.
+    function _requireDistinct(address[] memory vehicles) private pure {
+        uint256 last = (4 << Math.log2(vehicles.length | 1)) - 1;
+        address[] memory table = new address[](last + 1);
+        unchecked {
+            for (uint256 i = 0; i < vehicles.length; ++i) {
+                address vehicle = vehicles[i];
+                uint256 place = uint160(vehicle) & last;
+                while (table[place] != address(0)) {
+                    if (table[place] == vehicle) revert ProposalOpen(vehicle);
+                    place = (place + 1) & last;
+                }
+                table[place] = vehicle;
+            }
+        }
     }
 
     /// @dev Who signed a UAV's proposal `i`, which of the rounds shown it is in, and whether it was served before the last.
@@ -299,10 +418,13 @@ contract OptimisticSelection is SkyRelayRules, ERC20, IOptimisticSelection {
     {
         uint256[] memory heap = new uint256[](_count(held) + count - first);
         uint256 size = 0;
-        for (uint256 i = 0; i < count; ++i) {
-            if (i >= first || held >> i & 1 != 0) heap[size++] = words[i];
+        unchecked {
+            for (uint256 i = 0; i < count; ++i) {
+                if (i >= first || held >> i & 1 != 0) heap[size++] = words[i];
+            }
         }
         uint256[] memory bits = new uint256[](1);
+        // slither-disable-next-line unused-return (the bits say it all)
         ProposalHeap.take(heap, bits, bandwidth);
         return bits[0];
     }
@@ -335,11 +457,14 @@ contract OptimisticSelection is SkyRelayRules, ERC20, IOptimisticSelection {
         return type(uint256).max;
     }
 
-    function _count(uint256 bits) private pure returns (uint256 count) {
+    /// @dev How many bits are set, of 255 at the most: in pairs, fours, eights, and all of these added up in the highest.
+    function _count(uint256 bits) private pure returns (uint256) {
         unchecked {
-            for (; bits != 0; bits &= bits - 1) {
-                ++count;
-            }
+            bits -= bits >> 1 & type(uint256).max / 3;
+            bits = (bits & type(uint256).max / 5) + (bits >> 2 & type(uint256).max / 5);
+            bits = bits + (bits >> 4) & type(uint256).max / 17;
+            // slither-disable-next-line divide-before-multiply (by constants, without a rest)
+            return bits * (type(uint256).max / 255) >> 248;
         }
     }
 

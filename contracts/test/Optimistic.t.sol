@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity 0.8.26;
 
+import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
 import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 import {IOptimisticSelection} from "../src/interfaces/IOptimisticSelection.sol";
 import {Member} from "../src/libraries/Records.sol";
@@ -194,6 +195,7 @@ contract OptimisticTest is Claiming {
     }
 
     /// @dev Whatever vehicles ask for, in two rounds: a claim of what SkyRelay itself selects holds, of anything else it falls.
+    /// forge-config: default.fuzz.runs = 64
     function testFuzz_claimsHoldWhereTheyAreWhatIsSelected(uint256 seed, uint256 flip) public {
         SignedProposal[][] memory proposals = new SignedProposal[][](2);
         for (uint256 u = 0; u < 2; ++u) {
@@ -608,6 +610,95 @@ contract OptimisticTest is Claiming {
         thief.challenge(part(uav(0), 1));
         equal(claims.balanceOf(address(thief)), BOND / 2, "half a bond");
         equal(thief.called(), 0, "nothing of the challenger's was called");
+    }
+
+    // Proved at once
+
+    /// @dev What SkyRelay itself selects is taken, anything else is not.
+    /// forge-config: default.fuzz.runs = 64
+    function testFuzz_onlyWhatIsSelectedIsProved(uint256 seed, uint256 flip) public {
+        IOptimisticSelection.Share[] memory list = new IOptimisticSelection.Share[](2);
+        for (uint256 u = 0; u < 2; ++u) {
+            SignedProposal[] memory proposals = new SignedProposal[](5);
+            for (uint256 i = 0; i < 5; ++i) {
+                seed = uint256(keccak256(abi.encode(seed)));
+                proposals[i] = proposeTo(
+                    uav(u), 1 + 5 * u + i, uint32(seed % 701), uint32(500 + (seed >> 32) % 2_500)
+                );
+            }
+            list[u] = share(uav(u), 0, 0, proposals);
+        }
+        strict.allocateZone(1, 1_000);
+        (list[0].selected, list[1].selected) = (right(uav(0)), right(uav(1)) ^ 1 << flip % 6);
+        vm.expectRevert(abi.encodeWithSelector(IOptimisticSelection.WrongShare.selector, uav(1)));
+        claims.prove(1, 1, list);
+        list[1].selected = right(uav(1));
+        claims.prove(1, 1, list);
+        equal(relay.getZoneInfo(1).selectedVehicles, strict.getZoneInfo(1).selectedVehicles, "vehicles");
+        equal(relay.getZoneInfo(1).selectedUAVs, strict.getZoneInfo(1).selectedUAVs, "UAVs");
+        equal(claims.balanceOf(address(this)), SUPPLY, "no bond");
+    }
+
+    function refuses(Offer memory o, uint256 key) private {
+        IOptimisticSelection.Share[] memory list =
+            shares(share(o.uav, 0, o.demand == 0 ? 0 : 1, one(signed(key, o))));
+        vm.expectRevert(abi.encodeWithSelector(IOptimisticSelection.WrongShare.selector, o.uav));
+        claims.prove(1, 1, list);
+    }
+
+    function test_whatWouldBeRefusedIsNotProved() public {
+        refuses(Offer(uav(0), 1, 1, 5, -5, 701, 1_000, 0), 1);
+        refuses(Offer(uav(0), 1, 1, 5, -5, 100, 4_001, 0), 1);
+        refuses(Offer(uav(0), 1, 1, 5, -5, 100, 0, 0), 1);
+        refuses(Offer(uav(0), 1, 1, 40_000, 0, 100, 1_000, 0), 1);
+        refuses(Offer(uav(0), 1, 1, 5, -5, 100, 1_000, 7), 1);
+        refuses(Offer(uav(0), 1, 2, 5, -5, 100, 1_000, 0), 1); // for another round: nobody's signature
+        refuses(Offer(uav(0), 1, 1, 5, -5, 100, 1_000, 0), 99); // no vehicle
+        relay.suspendMember(vm.addr(1), true);
+        refuses(Offer(uav(0), 1, 1, 5, -5, 100, 1_000, 0), 1);
+    }
+
+    function test_aVehicleIsProvedOnceAndAZoneToo() public {
+        IOptimisticSelection.Share[] memory list = new IOptimisticSelection.Share[](2);
+        list[0] = share(uav(0), 0, 1, one(signed(1, Offer(uav(0), 1, 1, 5, -5, 100, 1_000, 0))));
+        list[1] = share(uav(1), 0, 1, one(signed(1, Offer(uav(1), 1, 1, 5, -5, 100, 1_000, 0))));
+        vm.expectRevert(abi.encodeWithSelector(ProposalOpen.selector, vm.addr(1)));
+        claims.prove(1, 1, list);
+        list[1] = share(uav(1), 0, 1, one(signed(2, Offer(uav(1), 1, 1, 5, -5, 100, 1_000, 0))));
+        list[0].before = 1; // a UAV that serves somebody already, as it says
+        vm.expectRevert(abi.encodeWithSelector(IOptimisticSelection.WrongShare.selector, uav(0)));
+        claims.prove(1, 1, list);
+        list[0].before = 0;
+        bytes32 role = relay.COORDINATOR_ROLE();
+        vm.prank(CHALLENGER);
+        vm.expectRevert(
+            abi.encodeWithSelector(IAccessControl.AccessControlUnauthorizedAccount.selector, CHALLENGER, role)
+        );
+        claims.prove(1, 1, list);
+        claims.prove(1, 1, list);
+        check(state(1) == IOptimisticSelection.State.Final, "final");
+        list = shares(share(uav(2), 0, 1, one(signed(3, Offer(uav(2), 1, 2, 5, -5, 100, 1_000, 0)))));
+        vm.expectRevert(abi.encodeWithSelector(IOptimisticSelection.NotYourPeriod.selector, 1, 1));
+        claims.prove(1, 2, list);
+        vm.expectRevert(abi.encodeWithSelector(IOptimisticSelection.NotYourPeriod.selector, 1, 1));
+        claims.claim(1, 2, uint48(block.number - 1), list);
+        vm.expectRevert(abi.encodeWithSelector(IOptimisticSelection.NotInState.selector, IOptimisticSelection.State.Final));
+        claims.finalise(1, 1);
+    }
+
+    function test_provingGivesTheBondOfThePeriodBeforeBackToItsClaimant() public {
+        honest();
+        for (uint256 period = 2; period <= 9; ++period) {
+            relay.resetListsForZone(1);
+        }
+        IOptimisticSelection.Share[] memory list = shares(share(uav(0), 0, 1, one(proposeAgain(1))));
+        uint32 now_ = round(1);
+        vm.expectRevert(abi.encodeWithSelector(IOptimisticSelection.NotInState.selector, IOptimisticSelection.State.Open));
+        claims.prove(1, now_, list);
+        vm.roll(block.number + 3 * WINDOW);
+        claims.prove(1, now_, list);
+        equal(claims.balanceOf(address(this)), SUPPLY, "back");
+        equal(claims.balanceOf(address(claims)), 0, "nothing is held");
     }
 
     function test_aReplayOfSixtyProposalsIsBelowAMillion() public {

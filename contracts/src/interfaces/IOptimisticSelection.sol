@@ -18,7 +18,7 @@ interface IOptimisticSelection is ISkyRelayTypes {
         uint256 selected;
         /// How many it served before this round.
         uint256 before;
-        /// New in this round: 1 to 128; at most 256 in a period.
+        /// New in this round: 1 to 128; at most 255 in a period.
         SignedProposal[] proposals;
     }
 
@@ -62,6 +62,8 @@ interface IOptimisticSelection is ISkyRelayTypes {
 
     /// @notice UAVs in rising order, each of the zone, with power, heard of lately and not suspended, with a new proposal.
     error UnfitShare(address uav);
+    /// @notice A proposal that would be refused, or not Algorithm 2's choice.
+    error WrongShare(address uav);
     /// @notice The period has claims by another, or as of another block; or too many; or one of them was wrong.
     error NotYourPeriod(uint32 zone, uint32 period);
     /// @notice Too late to claim, or as of a block that is to come or too long ago.
@@ -76,6 +78,10 @@ interface IOptimisticSelection is ISkyRelayTypes {
     /// @notice Claim a zone's present round, of at most 64 UAVs and as one of six in its period, by its coordinator. The first claim of a period takes the bond.
     /// @param asOf the block after which vehicles had the reputations that it was worked out with; the same all period.
     function claim(uint32 zone, uint32 round, uint48 asOf, Share[] calldata shares) external;
+
+    /// @notice Decide a zone's present round, the only one of its period, by its coordinator, with everything checked at once:
+    /// no bond, and nothing left to question. Reverts where the shares are not what SkyRelay would have come to.
+    function prove(uint32 zone, uint32 round, Share[] calldata shares) external;
 
     /// @notice Prove one UAV's share wrong in some of the rounds from the period's first on: a proposal that the contract would
     /// have refused, a forged one, or a choice that is not Algorithm 2's.

@@ -23,8 +23,11 @@ CLAIM_GAS, CLAIMED_GAS = 1_000_000, 4_000
 """Gas limit of a claim: for itself and its UAVs' share, and for each proposal."""
 CHALLENGE_GAS = 30_000
 """Gas limit of a challenge for each proposal that is replayed: twice what it takes."""
-MOST_PROPOSALS, MOST_NEW, MOST_UAVS, MOST_ROUNDS = 256, 128, 64, 6
+MOST_PROPOSALS, MOST_NEW, MOST_UAVS, MOST_ROUNDS = 255, 128, 64, 6
 """To one UAV in a period, and in a round of it; UAVs in a round; rounds in a period."""
+PROVED_GAS = 30_000
+"""Gas limit of a proposal that the contract checks at once: twice what it takes."""
+NOW = (1 << 48) - 1
 IN_NO_LOG = -1
 """Index of an event that a claim stands for, and no log has."""
 _MASK = (1 << 64) - 1 | ((1 << 32) - 1) << 96
@@ -62,7 +65,7 @@ class Claim:
 
     Attributes:
         contract, sender: it was sent to, and by.
-        as_of: the block whose reputations it goes by.
+        as_of: the block whose reputations it goes by; `NOW` of one that the contract has checked itself.
     """
 
     contract: str
@@ -74,9 +77,9 @@ class Claim:
 
 
 def read_claim(sent: SentTransaction) -> Claim | None:
-    """The claim in a transaction; None where it is another call, or cannot be read."""
+    """The claim in a transaction, or what it proves; None where it is another call, or cannot be read."""
     function = optimistic_selection().function_of(sent.data)
-    if sent.to is None or function is None or function.name != "claim":
+    if sent.to is None or function is None or function.name not in ("claim", "prove"):
         return None
     try:
         given = function.decode_arguments(sent.data)
@@ -88,7 +91,7 @@ def read_claim(sent: SentTransaction) -> Claim | None:
         sent.sender,
         zone,
         round_,
-        given["asOf"],
+        given.get("asOf", NOW),
         tuple(
             Share(
                 share["uav"],
@@ -135,6 +138,11 @@ class ClaimClient:
         """`claim` a zone's round."""
         gas = CLAIM_GAS + CLAIMED_GAS * sum(len(share.proposals) for share in shares)
         return self._call(sender, gas, "claim", zone, round_, as_of, [share.packed for share in shares])
+
+    def prove(self, sender: str, zone: int, round_: int, shares: Sequence[Share]) -> Call:
+        """`prove`: decide a zone's period by one round, with everything checked at once."""
+        gas = CLAIM_GAS + PROVED_GAS * sum(len(share.proposals) for share in shares)
+        return self._call(sender, gas, "prove", zone, round_, [share.packed for share in shares])
 
     def challenge(self, sender: str, zone: int, period: int, part: Part) -> Call:
         """`challenge`: prove that a UAV's share in the last of some rounds is wrong."""

@@ -61,9 +61,9 @@ def command(as_json: Json = False) -> None:
     for batch in report.batches:
         table.add_row(f"{batch.vehicles:,}", f"{batch.signed:,}", f"{batch.allocated:,}")
     console.print(table)
-    table = Table(title="A vehicle's share where the round is claimed (OptimisticSelection), all included")
-    for heading in ("vehicles", "each", "for the bytes of the transaction"):
+    table = Table(title="A vehicle's share where the round is claimed or proved (OptimisticSelection), all included")
+    for heading in ("vehicles", "each", "for the bytes of the transaction", "each, checked at once"):
         table.add_column(heading, justify="right")
     for claim in report.claims:
-        table.add_row(f"{claim.vehicles:,}", f"{claim.claimed:,}", f"{claim.calldata:,}")
+        table.add_row(f"{claim.vehicles:,}", f"{claim.claimed:,}", f"{claim.calldata:,}", f"{claim.proved:,}")
     console.print(table)

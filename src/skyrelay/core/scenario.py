@@ -428,9 +428,10 @@ class Chain(_Section):
         "direct", description="direct: vehicles send records and proposals; batch: they sign, a relayer hands many in"
     )
 
-    allocation: Literal["strict", "optimistic"] = Field(
+    allocation: Literal["strict", "proven", "optimistic"] = Field(
         "strict",
-        description="strict: on the chain; optimistic: vehicles sign, the coordinator claims the result, with a bond",
+        description="strict: on the chain; proven, optimistic: vehicles sign, the coordinator tells the result, and "
+        "the chain checks it at once, or there is a bond",
     )
     challenge_window: Annotated[Whole, Field(ge=1, le=UINT16)] = Field(
         8, description="of an optimistic allocation: how long a claim can be proved wrong at the least [blocks]"
@@ -439,7 +440,7 @@ class Chain(_Section):
     @property
     def signs(self) -> bool:
         """Vehicles sign their proposals for others to hand in."""
-        return self.submission == "batch" or self.allocation == "optimistic"
+        return self.submission == "batch" or self.allocation != "strict"
 
     @model_validator(mode="after")
     def _of_a_node(self) -> Chain:
@@ -507,9 +508,11 @@ class Scenario(_Section):
 
     @model_validator(mode="after")
     def _claimable(self) -> Scenario:
-        """A period has six claims at the most: what proves one wrong has to fit a transaction."""
-        if self.chain.allocation == "optimistic" and self.selection.rounds > 6:
-            raise ValueError(f"selection.rounds of at most 6 with an optimistic allocation ({self.selection.rounds})")
+        """A period has six claims at the most, since a proof against one has to fit a transaction; or one proven."""
+        most = {"optimistic": 6, "proven": 1}.get(self.chain.allocation, self.selection.rounds)
+        if self.selection.rounds > most:
+            told = f"chain.allocation = {self.chain.allocation} ({self.selection.rounds})"
+            raise ValueError(f"selection.rounds of at most {most} with {told}")
         return self
 
     @model_validator(mode="after")

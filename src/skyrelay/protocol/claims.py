@@ -47,10 +47,11 @@ class ClaimBook:
 
     Args:
         claims: the contract that takes them.
+        proven: whether it is to check everything at once, which it does for one round a period.
     """
 
-    def __init__(self, claims: ClaimClient) -> None:
-        self._claims, self._client = claims, claims.client
+    def __init__(self, claims: ClaimClient, *, proven: bool = False) -> None:
+        self._claims, self._client, self._proven = claims, claims.client, proven
         settings = self._client.settings
         self._rules = FixedParameters(
             fixed_weights(settings.qov_weights),
@@ -100,6 +101,8 @@ class ClaimBook:
             self._decide(entry, info)
             shares.append(Share(uav, sum(1 << place for place in entry.held), before, tuple(entry.new)))
         round_ = next(iter(deciding.values())).new[0].proposal.round
+        if self._proven:
+            return self._claims.prove(sender, zone, round_, shares)
         return self._claims.claim(sender, zone, round_, book.as_of, shares)
 
     def decided(self, zone: int, at: Event) -> list[Event]:

@@ -101,15 +101,16 @@ class Consortium:
             for number in range(2, coordinators + 1)
             for role, party in ((Role.COORDINATOR, "coordinator"), (Role.REPUTATION, "reputation authority"))
         ]
-        optimistic = scenario.chain.allocation == "optimistic"
+        claimed = scenario.chain.allocation != "strict"
         settings = Settings.of(
             scenario.selection,
             channels=len(self._deciders[0].card.maps),
-            settling=3 * scenario.chain.challenge_window if optimistic else 0,
+            settling=3 * scenario.chain.challenge_window if claimed else 0,
         )
         self.client = IovClient.deploy(self.chain, settings, self.administrator)
-        self._claims = ClaimClient.deploy(self.client, self.administrator) if optimistic else None
-        self.book = None if self._claims is None else ClaimBook(self._claims)
+        self._claims = ClaimClient.deploy(self.client, self.administrator) if claimed else None
+        proven = scenario.chain.allocation == "proven"
+        self.book = None if self._claims is None else ClaimBook(self._claims, proven=proven)
 
     def account(self, name: str) -> str:
         """The address of a party or member."""

@@ -156,3 +156,22 @@ def test_a_reputation_of_later_changes_nothing(world):
     assert not world.audit()[0]
     part = world.claims.part(ZONE, 1, world.uavs[1])
     assert not world.chain.send([world.claims.challenge(world.challenger, ZONE, 1, part)])[0].status
+
+
+def test_what_the_contract_checks_at_once_needs_no_bond(world):
+    world.book = ClaimBook(world.claims, proven=True)
+    world.book.take([world.sign(v, v % 2) for v in range(6)])
+    call = world.book.call(world.admin, ZONE)
+    honest = read_claim(_sent(call))
+    assert honest is not None
+    wrong = world.claims.prove(world.admin, ZONE, honest.round, serve_another(list(honest.shares)))
+    assert not world.chain.send([wrong])[0].status
+    world.client.execute([call])
+    differences, checked = world.audit()
+    assert not differences
+    assert (checked["claims"], checked["proposals by signature"]) == (1, 6)
+    info = world.client.zone_info(ZONE)
+    assert info is not None
+    assert (info.selected_uavs, info.selected_vehicles) == (2, 4)
+    assert world.claims.state(ZONE, 1) == FINAL
+    assert world.claims.balance(world.admin) == SUPPLY

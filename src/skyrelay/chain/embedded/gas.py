@@ -109,11 +109,13 @@ class ClaimPoint:
         vehicles: spread over 20 UAVs.
         claimed: gas a vehicle, proposals, positions and allocation included.
         calldata: of that, for the bytes of the transaction alone.
+        proved: gas a vehicle where the contract checks everything at once instead.
     """
 
     vehicles: int
     claimed: int
     calldata: int
+    proved: int
 
 
 @dataclass(frozen=True)
@@ -153,7 +155,12 @@ class GasReport:
                 for point in self.batches
             ],
             "claimed": [
-                {"vehicles": point.vehicles, "claimed_each": point.claimed, "calldata_each": point.calldata}
+                {
+                    "vehicles": point.vehicles,
+                    "claimed_each": point.claimed,
+                    "calldata_each": point.calldata,
+                    "proved_each": point.proved,
+                }
                 for point in self.claims
             ],
         }
@@ -418,19 +425,26 @@ def _claims(numbers: Sequence[int]) -> tuple[list[GasRow], tuple[ClaimPoint, ...
             served = [*range(min(count, 8)), *([count - 1] if count == _REPLAYED else [])]
             return Share(uav, sum(1 << place for place in served), 0, tuple(signed))
 
-        def claim(counts: Sequence[int]) -> tuple[Call, int]:
+        def claim(counts: Sequence[int], *, proven: bool = False) -> tuple[Call, int]:
             info = client.zone_info(zone)
             assert info is not None  # noqa: S101  (UAVs are in it)
             shares = [share(uav, info.round, count) for uav, count in zip(uavs, counts, strict=False)]
-            call = claims.claim(admin, zone, info.round, chain.block_number, shares)
+            if proven:
+                call = claims.prove(admin, zone, info.round, shares)
+            else:
+                call = claims.claim(admin, zone, info.round, chain.block_number, shares)
             return call, client.execute([call])[0].gas_used
 
         points = []
         for count in (*[1] * 8, *numbers):  # the first eight fill the places that later periods use again
-            call, gas = claim([1] if count == 1 else [count // _ZONE_UAVS] * _ZONE_UAVS)
+            counts = [1] if count == 1 else [count // _ZONE_UAVS] * _ZONE_UAVS
+            call, gas = claim(counts)
             calldata = sum(16 if byte else 4 for byte in call.data)
-            points.append(ClaimPoint(count, gas // count, calldata // count))
             client.execute([client.reset_lists_for_zone(admin, zone)])
+            proved = claim(counts, proven=True)[1] if count > 1 else 0
+            if proved:
+                client.execute([client.reset_lists_for_zone(admin, zone)])
+            points.append(ClaimPoint(count, gas // count, calldata // count, proved // count))
         wrong, _ = claim([_REPLAYED])
         events = client.events()
         shown = read_claim(SentTransaction(admin, 0, wrong.to, wrong.data))
