@@ -113,3 +113,20 @@ def test_a_vehicle_is_absent_across_a_long_gap(tmp_path):
     rows = [(0.0, "a", 0.0, 0.0), (1.0, "a", 0.5, 0.0), (2.0, "a", 1.0, 0.0), (100.0, "a", 50.0, 50.0)]
     tracks = replay(read_trace(write(tmp_path / "t.csv", rows)), np.array([0.0, 50.0, 100.0]), np.array([True]))
     assert np.isfinite(tracks.x[:, 0]).tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize("name", ["t.xml.gz", "t.gpx.gz"])
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"<fcd-export><timestep time='" + b"9" * 2**22, "a tag or text of more than"),
+        (b"<fcd-export>" + b"9" * 2**22, "a tag or text of more than"),
+        (b"<a>" * 100_000, "more than 32 levels"),
+    ],
+    ids=["attribute", "text", "depth"],
+)
+def test_a_small_file_that_unpacks_to_much_is_no_long_wait(tmp_path, name, content, told):
+    with gzip.open(tmp_path / name, "wb") as stream:
+        stream.write(content)
+    with pytest.raises(TraceError, match=told):
+        read_trace(tmp_path / name)

@@ -6,20 +6,20 @@ import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import IO, Any
-from xml.etree.ElementTree import Element, ParseError, iterparse
+from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
 
 from skyrelay.core.entities import FloatArray
 from skyrelay.core.errors import ScenarioError
 from skyrelay.core.untrusted import MAX_JSON, parse_json
+from skyrelay.mobility.formats.elements import elements
 from skyrelay.mobility.formats.samples import open_bytes
 from skyrelay.mobility.plane import WGS84, between, utm
 
 KEY = "map.streets"
 MAX_NETWORK = 512 * 2**20
 """Longest SUMO network that is read, unpacked [bytes]."""
-MAX_DEPTH = 32
 MAX_PARTS = 100_000
 """Elements within one edge or junction."""
 MAX_LINES = 2_000_000
@@ -106,12 +106,8 @@ def _network(stream: IO[bytes], path: Path, plane: int | None) -> Lines:
     lines: Lines = []
     location: Element | None = None
     depth = parts = 0
-    # As for floating-car data: iterparse opens no external entity, and expat bounds internal ones.
-    parser = iterparse(_Bounded(stream, MAX_NETWORK), events=("start", "end"))  # noqa: S314
-    for event, element in parser:
+    for event, element in elements(_Bounded(stream, MAX_NETWORK)):
         depth += 1 if event == "start" else -1
-        if depth > MAX_DEPTH:
-            raise ValueError(f"more than {MAX_DEPTH} levels of elements")
         parts += event == "start"
         if parts > MAX_PARTS:
             raise ValueError(f"more than {MAX_PARTS:,} elements within one")

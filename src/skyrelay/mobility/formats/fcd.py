@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from xml.etree.ElementTree import Element, iterparse
+from xml.etree.ElementTree import Element
 
 import pyarrow as pa
 
 from skyrelay.core.errors import TraceError
+from skyrelay.mobility.formats.elements import elements
 from skyrelay.mobility.formats.samples import MAX_SAMPLES, Samples, open_bytes
 
 _NEEDED = ("id", "x", "y")
@@ -17,9 +18,8 @@ def read_fcd(path: Path) -> Samples:
     """Read `<fcd-export>`; pedestrians and containers are elements of their own and are left out."""
     columns: dict[str, list[str]] = {"time": [], "id": [], "x": [], "y": [], "speed": []}
     time = ""
-    # iterparse expands no external entities, and expat limits the amplification of internal ones.
     with open_bytes(path) as stream:
-        for event, element in iterparse(stream, events=("start", "end")):  # noqa: S314
+        for event, element in elements(stream):
             if element.tag == "timestep":
                 if event == "start":
                     time = _attribute(element, "time", f"{path}: timestep after {time or 'the beginning'}")

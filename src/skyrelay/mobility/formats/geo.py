@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import iterparse
 
 import pyarrow as pa
 
 from skyrelay.core.errors import TraceError
 from skyrelay.core.untrusted import read_json
+from skyrelay.mobility.formats.elements import elements
 from skyrelay.mobility.formats.samples import MAX_SAMPLES, Samples, open_bytes
 
 Row = tuple[str | float, str, float, float]
@@ -21,7 +21,7 @@ def read_gpx(path: Path) -> Samples:
     rows: list[Row] = []
     track, name, point, time = 0, "", None, ""
     with open_bytes(path) as stream:
-        for event, element in iterparse(stream, events=("start", "end")):  # noqa: S314, as in fcd.py
+        for event, element in elements(stream):
             tag = element.tag.rpartition("}")[2]
             if event == "start":
                 if tag == "trk":
