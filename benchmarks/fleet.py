@@ -19,20 +19,31 @@ from skyrelay.core.scenario import load_scenario
 from skyrelay.simulation import play
 
 PARTS = {
-    "learned, one round": ["coordination.policy=generalist", "selection.rounds=1", "coordination.dispatch=false"],
-    "learned": ["coordination.policy=generalist", "selection.rounds=5", "coordination.dispatch=false"],
-    "serve": ["coordination.policy=serve", "selection.rounds=5", "coordination.dispatch=false"],
-    "learned, dispatch": ["coordination.policy=generalist", "selection.rounds=5", "coordination.dispatch=true"],
-    "serve, dispatch": ["coordination.policy=serve", "selection.rounds=5", "coordination.dispatch=true"],
-    "serve, dispatch, 20 rounds": ["coordination.policy=serve", "selection.rounds=20", "coordination.dispatch=true"],
+    "learned, one round": ["coordination.policy=generalist", "selection.rounds=1"],
+    "learned": ["coordination.policy=generalist"],
+    "serve": ["coordination.policy=serve"],
+    "learned, dispatch": ["coordination.policy=generalist", "coordination.dispatch=true"],
+    "serve, dispatch": ["coordination.policy=serve", "coordination.dispatch=true"],
     "serve, dispatch, period of 10": [
         "coordination.policy=serve",
-        "selection.rounds=5",
         "coordination.dispatch=true",
         "coordination.period_steps=10",
     ],
+    "learned, again every 5": ["coordination.policy=generalist", "coordination.reselect_steps=5"],
+    "learned, again every 2": ["coordination.policy=generalist", "coordination.reselect_steps=2"],
+    "serve, dispatch, again every 5": [
+        "coordination.policy=serve",
+        "coordination.dispatch=true",
+        "coordination.reselect_steps=5",
+    ],
+    "serve, dispatch, again every 2": [
+        "coordination.policy=serve",
+        "coordination.dispatch=true",
+        "coordination.reselect_steps=2",
+    ],
 }
-"""Each way of flying, by the keys of the scenario that make it."""
+"""Each way of flying, by the keys of the scenario that differ from `COMMON`."""
+COMMON = ["selection.rounds=5", "coordination.dispatch=false", "coordination.reselect_steps=0"]
 
 
 def interval(values: np.ndarray) -> list[float]:
@@ -52,10 +63,11 @@ def main() -> None:
     for seed in range(1, args.seeds + 1):
         for name in names:
             with tempfile.TemporaryDirectory() as folder:
-                scenario = load_scenario("bologna", [*args.overrides, *PARTS[name]], seed)
+                scenario = load_scenario("bologna", [*COMMON, *args.overrides, *PARTS[name]], seed)
                 runs[name].append(play(scenario, Path(folder), Silent()))
     rows = []
     first = np.array([summary["carried_mbps"] for summary in runs[names[0]]])
+    first_hovering = np.array([summary["static_carried_mbps"] for summary in runs[names[0]]])
     for name, summaries in runs.items():
         flying, hovering, gas = (
             np.array([summary[key] for summary in summaries], dtype=float)
@@ -67,6 +79,8 @@ def main() -> None:
                 "over_first": interval(flying / first),
                 "carried_mbps": interval(flying),
                 "over_hovering": interval(flying / hovering),
+                "over_hovering_of_first": interval(flying / first_hovering),
+                "hand_overs": interval(np.array([summary["handovers"] for summary in summaries])),
                 "gas_millions": interval(gas / 1e6),
                 "seeds": flying.round(1).tolist(),
                 "connectivity": interval(np.array([summary["connectivity"] for summary in summaries])),

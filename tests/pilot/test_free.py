@@ -8,7 +8,7 @@ from town_of_processes import Up, audited, decided, once
 from skyrelay.core.scenario import load_scenario
 from skyrelay.pilot.free import TOLERATED, Wall
 from skyrelay.pilot.timetable import Timetable
-from skyrelay.protocol.messages import Phase
+from skyrelay.protocol.messages import RESELECTION, Phase
 
 pytestmark = pytest.mark.survival
 
@@ -44,6 +44,14 @@ def test_the_timetable_has_every_phase_in_order_and_no_gap():
     assert asked[9:12] == [Phase.DETERMINE, Phase.BEACON, Phase.DECIDE]
     steps = [(due.tick.step, due.tick.time) for due in dues if due.tick.phase is Phase.BEACON]
     assert steps == [(step, step * scenario.coordination.step_seconds) for step in range(25)]
+
+
+def test_a_reselection_has_its_phases_before_its_step():
+    scenario = load_scenario("bologna", ["coordination.steps=25", "coordination.reselect_steps=8"], 1)
+    ticks = [due.tick for due in Timetable.of(scenario, 0.0, 1.0, 1.0)]
+    again = [number for number, tick in enumerate(ticks) if tick.phase is Phase.LEAVE]
+    assert [ticks[number].step for number in again] == [8, 16]
+    assert [tick.phase for tick in ticks[again[0] : again[0] + 6]] == [*RESELECTION, Phase.BEACON]
 
 
 def test_where_uavs_are_dispatched_the_timetable_has_a_time_for_it():

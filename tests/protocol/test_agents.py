@@ -115,7 +115,8 @@ def test_a_call_that_is_under_way_is_not_made_twice(town):
     assert vehicle.receive(Tick(Phase.REPORT)) == ()
     vehicle.receive(Refused(call, ContractError("registerVehicle", "Full", {})))
     assert vehicle.receive(Tick(Phase.REPORT)) == (call,)
-    vehicle.receive(Event("VehicleRegistered", {"vehicle": vehicle.address, "x": 4500, "y": 6000, "zone": 1}, 1, 0, 0))
+    record = {"x": 4500, "y": 6000, "payment": 300, "zone": 1}
+    vehicle.receive(Event("VehicleRegistered", {"vehicle": vehicle.address} | record, 1, 0, 0))
     vehicle.receive(Mined(call))
     assert vehicle.receive(Tick(Phase.PROPOSE)) == (ReadZone(1),)
 

@@ -169,7 +169,7 @@ def _history(compared: Compared, run: Run, report: AuditReport) -> History | Non
         if mined is not None and mined != due and not (step == 0 and mined < due):
             compared.differs("events.parquet", f"block {event.block}: step", step, f"that of {mined} s")
     names = dict(zip(run.accounts["address"], run.accounts["name"], strict=True))
-    told = History(names, run.summary.periods, run.summary.period_steps)
+    told = History(names, run.summary.periods, run.summary.period_steps, run.scenario.reselections)
     at = dict(zip(((event.block, event.transaction) for event in report.events), steps, strict=True))
     for event in report.told:
         told.hear(event, at[event.block, event.transaction])  # what a claim stands for: as its transaction

@@ -284,7 +284,7 @@ def check_summary(
         "uavs": len(told.registered["uav"]),
         "uavs_retired": told.landed,
         "served": len({row["vehicle"] for row in proposals}),
-        "served_per_period": round(float(np.mean([len(period.served) for period in told.periods])), 2),
+        "served_per_period": round(len({(row["period"], row["vehicle"]) for row in proposals}) / len(members), 2),
         "mean_qou": float(np.mean(accepted)) if len(accepted) else None,
         "mean_qov": float(np.mean([row["qov"] * QOV_UNIT for row in proposals])) if proposals else None,
         **over_the_run(tables["metrics"], tables["vehicles"]),

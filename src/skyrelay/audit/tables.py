@@ -121,7 +121,12 @@ def check_periods(
             candidates.append({"period": number, "vehicle": vehicle, "uav": uav, "qou": value})
         qous = {row["order"]: row["qou"] for row in rows["proposals"] if row["period"] == number}
         for row in period.proposals:
-            values = quality.get((row["vehicle"], row["uav"]), {-1.0}) | (set() if in_order else {0.0})
+            pair = quality.get((row["vehicle"], row["uav"]), {-1.0})
+            if row["order"] in period.renewed:
+                asked_by, asked = period.renewed[row["order"]]
+                then = _pairs({row["vehicle"]: asked_by}, {(row["uav"], 0): asked}, row["zone"], settings)
+                pair = then.get((row["vehicle"], row["uav"]), {-1.0})
+            values = pair | (set() if in_order else {0.0})
             proposals.append(row | {"qou": _nearest(qous.get(row["order"], -1.0), values)})
     compared.rows("fleet", rows["fleet"], fleet, ("period", "uav"))
     compared.rows("members", rows["members"], members, ("period", "vehicle"))
@@ -164,39 +169,51 @@ def _qualities(period: Period, settings: Settings, in_order: bool) -> dict[tuple
     for zone in sorted({row["zone"] for row in records.values() if row is not None}):
         uavs = {name: row for name, row in records.items() if row is not None and row["zone"] == zone}
         vehicles = {name: row for name, row in period.members.items() if row["zone"] == zone}
-        if not vehicles:
-            continue
-
-        def column(rows: Iterable[Mapping[str, Any]], name: str) -> npt.NDArray[np.float64]:
-            return np.array([row[name] for row in rows], dtype=np.float64)
-
-        here = VehicleTable(
-            ids=tuple(vehicles),
-            x=column(vehicles.values(), "x"),
-            y=column(vehicles.values(), "y"),
-            zone=np.full(len(vehicles), zone, dtype=np.int64),
-            demand=np.ones(len(vehicles)),  # Eq. 1 does not ask for it
-            payment=column(vehicles.values(), "payment"),
-            reputation=column(vehicles.values(), "reputation"),
-        )
-        team = UavTable(
-            ids=tuple(f"{name} {number}" for name, number in uavs),
-            x=column(uavs.values(), "x"),
-            y=column(uavs.values(), "y"),
-            zone=np.full(len(uavs), zone, dtype=np.int64),
-            bandwidth=column(uavs.values(), "bandwidth_kbps"),
-            battery=column(uavs.values(), "battery"),
-            reputation=column(uavs.values(), "reputation"),
-        )
-        score = qou(here, team, settings)
-        names = [name for name, _ in uavs]
-        for row, place in np.argwhere(np.isfinite(score)).tolist():
-            result.setdefault((here.ids[row], names[place]), set()).add(float(score[row, place]))
+        result |= _pairs(vehicles, uavs, zone, settings)
     if not in_order:
         sizes = Counter(name for name, _ in records)
         for (_, uav), values in result.items():
             if len(values) < sizes[uav]:  # it was none by some record, or two gave the same
                 values.add(None)
+    return result
+
+
+def _pairs(
+    vehicles: Mapping[str, Mapping[str, Any]],
+    uavs: Mapping[tuple[str, int], Mapping[str, Any]],
+    zone: int,
+    settings: Settings,
+) -> dict[tuple[str, str], set[float | None]]:
+    """QoU of each candidate in a zone: by the vehicle and the UAV, of which there may be several records."""
+    result: dict[tuple[str, str], set[float | None]] = {}
+    if not vehicles:
+        return result
+
+    def column(rows: Iterable[Mapping[str, Any]], name: str) -> npt.NDArray[np.float64]:
+        return np.array([row[name] for row in rows], dtype=np.float64)
+
+    here = VehicleTable(
+        ids=tuple(vehicles),
+        x=column(vehicles.values(), "x"),
+        y=column(vehicles.values(), "y"),
+        zone=np.full(len(vehicles), zone, dtype=np.int64),
+        demand=np.ones(len(vehicles)),  # Eq. 1 does not ask for it
+        payment=column(vehicles.values(), "payment"),
+        reputation=column(vehicles.values(), "reputation"),
+    )
+    team = UavTable(
+        ids=tuple(f"{name} {number}" for name, number in uavs),
+        x=column(uavs.values(), "x"),
+        y=column(uavs.values(), "y"),
+        zone=np.full(len(uavs), zone, dtype=np.int64),
+        bandwidth=column(uavs.values(), "bandwidth_kbps"),
+        battery=column(uavs.values(), "battery"),
+        reputation=column(uavs.values(), "reputation"),
+    )
+    score = qou(here, team, settings)
+    names = [name for name, _ in uavs]
+    for row, place in np.argwhere(np.isfinite(score)).tolist():
+        result.setdefault((here.ids[row], names[place]), set()).add(float(score[row, place]))
     return result
 
 

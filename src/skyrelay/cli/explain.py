@@ -50,7 +50,11 @@ def command(
         raise UsageError("explain", None, "--vehicle ID, or --list for the ids of this run")
     scenario = read_scenario(run_dir)
     settings, period_steps = scenario.selection, scenario.coordination.period_steps
-    tables = {name: read_rows(run_dir, name) for name in ("proposals", "candidates", "fleet", "members")}
+    tables: dict[str, Rows] = {
+        name: read_rows(run_dir, name) for name in ("proposals", "candidates", "fleet", "members")
+    }
+    if scenario.reselections:
+        tables["proposals"] = of_the_selection(tables["proposals"], read_rows(run_dir, "events"), scenario.reselections)
     steps = read_rows(run_dir, "vehicles", vehicle=vehicle)
     told = explain(**tables, steps=steps, vehicle=vehicle, period_steps=period_steps, period=period)
     served_by = told.served_by
@@ -60,6 +64,12 @@ def command(
         print_result(asdict(told) | {"reason": reason(told, settings), "had": had(told, away)}, as_json=True)
     else:
         typer.echo(to_text(told, settings, away))
+
+
+def of_the_selection(proposals: Rows, events: Rows, reselections: frozenset[int]) -> Rows:
+    """The proposals that were made when a period began: what follows within it goes by other records."""
+    made = [row["step"] for row in events if row["name"] == "VehSelectionSubmitted"]
+    return [row for row in proposals if made[row["order"]] not in reselections]
 
 
 def print_ids(members: Rows, proposals: Rows, period: int | None, as_json: bool) -> None:

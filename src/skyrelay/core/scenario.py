@@ -232,6 +232,10 @@ class Coordination(_Section):
     steps: Annotated[Whole, Field(ge=1, le=100_000)] = Field(100, description="moves of every UAV in the run")
     step_seconds: Annotated[Real, Field(ge=0.01, le=3600)] = Field(2.0, description="[s]")
     period_steps: Annotated[Whole, Field(ge=1, le=100_000)] = Field(20, description="moves between two selections")
+    reselect_steps: Annotated[Whole, Field(ge=0, le=100_000)] = Field(
+        0,
+        description="moves after which, within a period, vehicles without a UAV ask again; 0: never",
+    )
     policy: Text = Field(
         "auto",
         description="auto: the shipped policies that fit best; or one's name, the path of an ONNX file, a rule's name "
@@ -482,6 +486,18 @@ class Scenario(_Section):
     store: Store = Store()
     payment: Payments = Payments()
 
+    @property
+    def reselections(self) -> frozenset[int]:
+        """The steps within periods at which vehicles without a UAV ask again.
+
+        By a method outside of the contract everybody is selected together: there are none.
+        """
+        config = self.coordination
+        if not config.reselect_steps or self.selection.method != "two-sided":
+            return frozenset()
+        places = ((step, step % config.period_steps) for step in range(config.steps))
+        return frozenset(step for step, place in places if place and place % config.reselect_steps == 0)
+
     @model_validator(mode="before")
     @classmethod
     def _named(cls, tree: Any) -> Any:
@@ -541,6 +557,11 @@ class Scenario(_Section):
     @model_validator(mode="after")
     def _paid_by_the_contract(self) -> Scenario:
         """Prices are locked by what SkyRelay's own allocation has decided."""
+        if self.coordination.reselect_steps and (self.payment.enabled or self.chain.allocation != "strict"):
+            raise ValueError(
+                f'coordination.reselect_steps of 0 with payment.enabled, or a chain.allocation that is not "strict" '
+                f"({self.coordination.reselect_steps})"
+            )
         if self.payment.enabled and self.chain.allocation != "strict":
             raise ValueError(f'payment.enabled with chain.allocation = "strict" ({self.chain.allocation!r})')
         return self

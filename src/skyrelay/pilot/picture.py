@@ -127,7 +127,8 @@ class Picture:
             case "ZoneAllocated" if self.step >= 0:
                 # What a step more or less says is how far apart chain and beacons are heard.
                 late = (self.step + 1) % self._period
-                if late not in (0, 1, self._period - 1):
+                again = self._flight.reselect_steps
+                if late not in (0, 1, self._period - 1) and not (again and late % again in (0, 1, again - 1)):
                     zone = event.args["zone"]
                     text = f"zone {zone} was allocated {late} steps after its period began"
                     self.alert("late-allocation", str(zone), text)

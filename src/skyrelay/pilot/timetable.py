@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from skyrelay.core.scenario import Scenario
-from skyrelay.protocol.messages import Phase, Tick
+from skyrelay.protocol.messages import RESELECTION, Phase, Tick
 
 SHARES = {Phase.BEACON: 0.4, Phase.DECIDE: 0.4, Phase.LAND: 0.2}
 """Of a step's time, in order."""
@@ -46,6 +46,7 @@ class Timetable:
     period_steps: int
     rounds: int
     dispatch: bool
+    reselections: frozenset[int] = frozenset()
 
     @classmethod
     def of(cls, scenario: Scenario, begin: float, slot: float, step: float) -> Timetable:
@@ -53,7 +54,17 @@ class Timetable:
         config = scenario.coordination
         rounds = scenario.selection.rounds
         moves = config.dispatch or bool(scenario.charging or scenario.energy.places)
-        return cls(begin, slot, step, config.step_seconds, config.steps, config.period_steps, rounds, moves)
+        return cls(
+            begin,
+            slot,
+            step,
+            config.step_seconds,
+            config.steps,
+            config.period_steps,
+            rounds,
+            moves,
+            scenario.reselections,
+        )
 
     def __iter__(self) -> Iterator[Due]:
         """All ticks, in order, as `skyrelay.simulation.run.Run` has them."""
@@ -69,6 +80,8 @@ class Timetable:
             for phase, round_ in self._selection():
                 yield Tick(phase, period, round_, start, start * self.seconds), self.slot
             for step in range(start, min(start + self.period_steps, self.steps)):
+                for phase in RESELECTION if step in self.reselections else ():
+                    yield Tick(phase, period, 1, step, step * self.seconds), self.slot
                 for phase, share in SHARES.items():
                     at = step + 1 if phase is Phase.LAND else step
                     yield Tick(phase, period, 1, at, at * self.seconds), share * self.step

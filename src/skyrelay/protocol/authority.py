@@ -29,12 +29,12 @@ class ReputationAuthority(Agent):
 
     def undone(self, phase: Phase) -> bool:
         """See `Agent.undone`."""
-        return phase is Phase.RATE and bool(self._new)
+        return phase in {Phase.RATE, Phase.RESELECT} and bool(self._new)
 
     def receive(self, message: Message) -> Sequence[Command]:
         """Take a message; see `Agent.receive`."""
         match message:
-            case Tick(Phase.RATE):
+            case Tick(Phase.RATE | Phase.RESELECT):
                 members = list(self._new)
                 return [
                     SetReputations({member: self._reputations[member] for member in members[i : i + MEMBERS_PER_CALL]})

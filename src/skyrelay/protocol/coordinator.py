@@ -54,7 +54,7 @@ class ZoneCoordinator(Agent):
             case Phase.CLOSE | Phase.REPORT | Phase.RATE:
                 return self.state is not ZoneState.COLLECTING
             case Phase.ALLOCATE:
-                return self._undecided and self.state is not ZoneState.COORDINATING
+                return self._undecided
             case Phase.DETERMINE:
                 return self._lacks_model or self._is_late("allocate")
             case Phase.BEACON:
@@ -110,7 +110,7 @@ class ZoneCoordinator(Agent):
             case _ if args.get("zone") != self.zone:
                 return
             case "VehSelectionSubmitted":
-                if self.state is ZoneState.ALLOCATED and not self._undecided:
+                if self.machine.allows(ZoneMessage.OPEN_ROUND) and not self._undecided:
                     self.machine.advance(ZoneMessage.OPEN_ROUND)
                 self._undecided = True
             case "UAVAllocated":

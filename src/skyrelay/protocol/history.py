@@ -30,6 +30,8 @@ class Period:
         versions: by UAV that has changed its record from the period's first step on, every one that it has had since;
             None for one in no zone.
         proposals: in the order of submission, with their round and what became of them.
+        renewed: of those that were made within the period, by their order, the records that they went by: the
+            vehicle's and the UAV's.
     """
 
     fleet: dict[str, Row] = field(default_factory=dict)
@@ -37,6 +39,8 @@ class Period:
     told: set[str] = field(default_factory=set)
     versions: dict[str, list[Row | None]] = field(default_factory=dict)
     proposals: list[Row] = field(default_factory=list)
+    renewed: dict[int, tuple[Row, Row]] = field(default_factory=dict)
+    _given_up: set[int] = field(default_factory=set)  # orders of proposals that were accepted until the vehicle left
     _served: list[tuple[int, dict[str, str]]] = field(default_factory=list)
 
     @property
@@ -51,11 +55,17 @@ class Period:
     def settle(self, held: Mapping[str, set[str]], step: int) -> None:
         """A vehicle is served by the UAV that it asked last, if that UAV holds it."""
         last = {row["vehicle"]: number for number, row in enumerate(self.proposals)}
-        for number, row in enumerate(self.proposals):
+        valid = [(number, row) for number, row in enumerate(self.proposals) if row["order"] not in self._given_up]
+        for number, row in valid:
             row["accepted"] = last[row["vehicle"]] == number and row["vehicle"] in held.get(row["uav"], ())
         if self._served and self._served[-1][0] == step:
             self._served.pop()
-        self._served.append((step, {row["vehicle"]: row["uav"] for row in self.proposals if row["accepted"]}))
+        self._served.append((step, {row["vehicle"]: row["uav"] for _, row in valid if row["accepted"]}))
+
+    def give_up(self, vehicle: str, uav: str) -> None:
+        """A vehicle has left: its proposal keeps what became of it until then."""
+        rows = [row for row in self.proposals if row["vehicle"] == vehicle and row["uav"] == uav]
+        self._given_up |= {row["order"] for row in rows}
 
 
 class History:
@@ -64,6 +74,7 @@ class History:
     Args:
         names: of the members, by address; one that has none goes by its address.
         periods, period_steps: of the run.
+        reselections: steps within periods at which vehicles ask again; a step's row is written before.
 
     Attributes:
         demands: [kbit/s] by the vehicle's name, of those that ever proposed.
@@ -76,7 +87,14 @@ class History:
         parameters: that the contract was deployed with.
     """
 
-    def __init__(self, names: Mapping[str, str], periods: int, period_steps: int) -> None:
+    def __init__(
+        self,
+        names: Mapping[str, str],
+        periods: int,
+        period_steps: int,
+        reselections: frozenset[int] = frozenset(),
+    ) -> None:
+        self._reselections = reselections
         self.periods = [Period() for _ in range(periods)]
         self.demands: dict[str, int] = {}
         self.zones: dict[str, list[tuple[int, int, int]]] = {}
@@ -153,7 +171,12 @@ class History:
                     self._held, self._settled = {}, number
                 self._held[self._name(args["uav"])] = {self._name(vehicle) for vehicle in args["selected"]}
                 if period is not None:
-                    period.settle(self._held, step)
+                    period.settle(self._held, step + (step in self._reselections))
+            case "VehSelectionWithdrawn" if period is not None:
+                vehicle, uav = self._name(args["vehicle"]), self._name(args["uav"])
+                self._held.get(uav, set()).discard(vehicle)
+                period.give_up(vehicle, uav)
+                period.settle(self._held, step + (step in self._reselections))
 
     def open(self, last: int) -> None:
         """Take down the records of the periods up to ``last`` that have not been."""
@@ -222,7 +245,10 @@ class History:
         self._note_vehicle(vehicle, args, step, told=False)
         if self._vehicles[vehicle] != before:
             self._note_vehicle(vehicle, args, step)  # it came with the proposal
-        period.members.setdefault(vehicle, dict(self._vehicles[vehicle]))
+        if step in self._reselections:
+            period.renewed[self._submitted] = dict(self._vehicles[vehicle]), dict(self._uavs[self._name(args["uav"])])
+        else:
+            period.members.setdefault(vehicle, dict(self._vehicles[vehicle]))
         self.demands[vehicle] = args["demand"]
         period.proposals.append(
             {

@@ -20,7 +20,10 @@ from skyrelay.store.cid import Cid
 
 
 class Phase(Enum):
-    """What it is time for; in a period in this order, the last three once for each of its steps."""
+    """What it is time for; in a period in this order, the last three once for each of its steps.
+
+    Those of `RESELECTION` stand within a period.
+    """
 
     JOIN = "UAVs that are not registered do so"
     CLOSE = "the coordinators end the period before"
@@ -30,9 +33,15 @@ class Phase(Enum):
     PROPOSE = "vehicles without a UAV propose; once a round"
     ALLOCATE = "the coordinators have the proposals decided; once a round"
     DETERMINE = "the coordinators ask for each team's policy"
+    LEAVE = "within a period: vehicles whose trip is over give their UAV up, those that came register"
+    RESELECT = "within a period: UAVs with room for somebody tell the contract where they are; new members are rated"
     BEACON = "everyone tells those around where it is"
     DECIDE = "UAVs choose their moves"
     LAND = "UAVs whose battery lasts no longer leave"
+
+
+RESELECTION = (Phase.LEAVE, Phase.RESELECT, Phase.PROPOSE, Phase.ALLOCATE, Phase.DETERMINE)
+"""A selection again within a period, of those alone that have no UAV."""
 
 
 # Messages

@@ -31,12 +31,13 @@ class VehicleMessage(Enum):
 
     REGISTER = "registerVehicle()"
     UPDATE = "updateVehicleInfo()"
+    GIVE_UP = "updateVehicleInfo() of another zone"
     READ_ZONE = "getZoneUAV(), getUAVInfo()"
     PROPOSE = "submitVehSelection()"
     ABSTAIN = "no candidate"
     ACCEPTED = "accepted by allocateZone()"
     REJECTED = "rejected by allocateZone()"
-    DISPLACED = "displaced by a better proposal"
+    DISPLACED = "displaced by a better proposal, or its UAV has left"
     RESET = "resetListsForZone()"
     LEAVE = "leaves the area"
 
@@ -58,7 +59,7 @@ class UavMessage(Enum):
     REGISTER = "registerUAV()"
     UPDATE = "updateUAVInfo()"
     SELECTED = "selected by allocateZone()"
-    UNSELECTED = "no vehicle left after a further round"
+    UNSELECTED = "no vehicle left"
     MODEL_VERIFIED = "determineMDRLModel(), fetched by CID, hash and card checked"
     RESET = "resetListsForZone()"
     CHARGE = "updateUAVZone(0), where there are charging places"
@@ -72,6 +73,7 @@ class ZoneState(Enum):
     COLLECTING = "proposals are open"
     ALLOCATED = "UAVs have chosen"
     COORDINATING = "a policy is assigned, the team flies"
+    RESELECTING = "proposals for what has fallen free are open, the team flies"
 
 
 class ZoneMessage(Enum):
@@ -98,6 +100,8 @@ VEHICLE: Table[VehicleState, VehicleMessage] = {
     (V.PROPOSED, VM.ACCEPTED): V.SERVED,
     (V.PROPOSED, VM.REJECTED): V.UNSERVED,
     (V.SERVED, VM.DISPLACED): V.UNSERVED,
+    (V.PROPOSED, VM.GIVE_UP): V.UNSERVED,
+    (V.SERVED, VM.GIVE_UP): V.UNSERVED,
     (V.UNSERVED, VM.READ_ZONE): V.CHOOSING,
     (V.IDLE, VM.RESET): V.IDLE,
     (V.PROPOSED, VM.RESET): V.IDLE,
@@ -118,7 +122,11 @@ UAV: Table[UavState, UavMessage] = {
     (U.AVAILABLE, UM.SELECTED): U.SELECTED,
     (U.SELECTED, UM.SELECTED): U.SELECTED,
     (U.SELECTED, UM.UNSELECTED): U.AVAILABLE,
+    (U.SELECTED, UM.UPDATE): U.SELECTED,
     (U.SELECTED, UM.MODEL_VERIFIED): U.FLYING,
+    (U.FLYING, UM.UPDATE): U.FLYING,
+    (U.FLYING, UM.SELECTED): U.FLYING,
+    (U.FLYING, UM.UNSELECTED): U.AVAILABLE,
     (U.AVAILABLE, UM.RESET): U.AVAILABLE,
     (U.SELECTED, UM.RESET): U.AVAILABLE,
     (U.FLYING, UM.RESET): U.AVAILABLE,
@@ -140,7 +148,10 @@ ZONE: Table[ZoneState, ZoneMessage] = {
     (Z.ALLOCATED, ZM.OPEN_ROUND): Z.COLLECTING,
     (Z.ALLOCATED, ZM.DETERMINE_MODEL): Z.COORDINATING,
     (Z.ALLOCATED, ZM.RESET): Z.COLLECTING,
+    (Z.COORDINATING, ZM.OPEN_ROUND): Z.RESELECTING,
     (Z.COORDINATING, ZM.RESET): Z.COLLECTING,
+    (Z.RESELECTING, ZM.ALLOCATE): Z.COORDINATING,
+    (Z.RESELECTING, ZM.RESET): Z.COLLECTING,
 }
 
 

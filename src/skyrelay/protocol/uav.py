@@ -85,6 +85,7 @@ class UavAgent(Agent):
         self._read: Model | None = None  # it, as the contract had it when last asked
         self._loaded: Cid | None = None
         self._vehicles: Sequence[str] = ()
+        self._asked: dict[str, int] = {}  # of it in this period, by vehicle [kbit/s]
         self._team: set[str] = set()
         self._beacons: dict[str, Beacon] = {}
         self._time = math.inf  # until a tick says
@@ -145,6 +146,8 @@ class UavAgent(Agent):
                 return self._call(ChangeZone(0))
             case Phase.REPORT if self.state in _ON_THE_BOOKS:
                 return self._report(UpdateUav)
+            case Phase.RESELECT if self._has_room() and self.machine.allows(UavMessage.UPDATE):
+                return self._report(UpdateUav)
             case Phase.DISPATCH if self.state in _ON_THE_BOOKS:
                 return self._ask_station()
             case Phase.BEACON if self._zone:
@@ -166,6 +169,17 @@ class UavAgent(Agent):
                 if self.policy.seeks and self._model is not None and self._fix.position is not None:
                     return (Decide(self.policy, self._sight(self._fix.position, tick.time)),)
         return ()
+
+    def _has_room(self) -> bool:
+        """Whether a vehicle without a UAV that it heard lately, and can reach, asks for no more than it has left."""
+        place = self._fix.position
+        if not self._zone or place is None:
+            return False
+        room = self._bandwidth - sum(self._asked.get(vehicle, 0) for vehicle in self._vehicles)
+        seeking = [beacon for beacon in self._beacons.values() if beacon.to is None and 0.0 < beacon.asks <= room]
+        heard = self._last_of([beacon.sender for beacon in seeking], self._time)
+        places = np.array([beacon.position for beacon in heard if beacon.position is not None]).reshape(-1, 2)
+        return bool((np.hypot(*(places - place).T) <= self._law.reach).any())
 
     def _apart(self, action: int) -> int:
         """What has been decided, but for coming too near to another UAV of the zone that it heard lately."""
@@ -260,6 +274,10 @@ class UavAgent(Agent):
                     self.machine.advance(UavMessage.RETURN)
             case "UAVZoneUpdated" if args["from"] == self._zone:
                 self._team.discard(args["uav"])
+            case "VehSelectionSubmitted":
+                self._asked[args["vehicle"]] = args["demand"]
+            case "VehSelectionWithdrawn" if args["vehicle"] in self._vehicles:
+                self._learn([vehicle for vehicle in self._vehicles if vehicle != args["vehicle"]])
             case "UAVAllocated" if args["uav"] == self.address:
                 self._learn(args["selected"])
             case "UAVAllocated" if args["zone"] == self._zone:
@@ -276,7 +294,7 @@ class UavAgent(Agent):
         self._vehicles = vehicles
         if vehicles:
             self.machine.advance(UavMessage.SELECTED)
-        elif self.state is UavState.SELECTED:
+        elif self.machine.allows(UavMessage.UNSELECTED):
             self.machine.advance(UavMessage.UNSELECTED)
 
     def _end_period(self) -> None:
@@ -284,6 +302,7 @@ class UavAgent(Agent):
         if self.machine.allows(UavMessage.RESET):
             self.machine.advance(UavMessage.RESET)
         self._model, self._vehicles = None, ()
+        self._asked.clear()
         self._team.clear()
 
     # The policy

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -72,7 +72,7 @@ class VehicleAgent(Agent):
             record without a proposal, it sends itself.
     """
 
-    HEARS: ClassVar[frozenset[str]] = frozenset({"UAVAllocated", "ZoneListsReset"})
+    HEARS: ClassVar[frozenset[str]] = frozenset({"UAVAllocated", "UAVSubmissionReset", "ZoneListsReset"})
 
     def __init__(
         self,
@@ -103,8 +103,14 @@ class VehicleAgent(Agent):
         self._signs = signs
         self._record: VehicleRecord | None = None
         """Of this period, which the contract does not have yet."""
-        self._left_out: Propose | None = None
+        self._told: VehicleRecord | None = None
+        """What the contract has."""
+        self._next: Propose | None = None
+        """To be proposed once the contract has the record that is under way."""
         self._closed = False  # the period before is over, and none has begun
+        self._reselects = False  # within a period: it asks those with room alone
+        self._last = ""
+        self._lost = False  # its UAV has left, or given all its vehicles up
 
     @property
     def state(self) -> VehicleState:
@@ -126,15 +132,15 @@ class VehicleAgent(Agent):
                 return self._tell_record() if view is None else self._choose(view)
             case LeftOut(offer):
                 self._answered(message)
-                self._left_out = offer.proposal
+                self._next = offer.proposal
                 return self._call(UpdateVehicle(offer.record))
             case Mined() | Refused():
                 self._answered(message)
-                left_out, self._left_out = self._left_out, None
+                proposal, self._next = self._next, None
                 if self.state is not VehicleState.CHOOSING:
                     return ()
-                if isinstance(message, Mined) and left_out is not None:
-                    return self._call(left_out)
+                if isinstance(message, Mined) and proposal is not None:
+                    return self._call(proposal)
                 self.machine.advance(VehicleMessage.ABSTAIN)  # refused, or its record told and nobody to ask
         return ()
 
@@ -145,10 +151,16 @@ class VehicleAgent(Agent):
             case Phase.CLOSE if self.state not in _BOUND and not self._closed:
                 self._end_period()
             case Phase.REPORT:
-                self._closed = False
+                self._closed = self._reselects = False
                 return self._report()
-            case Phase.PROPOSE if self.state in {VehicleState.IDLE, VehicleState.UNSERVED} and self._zone:
-                return (ReadZone(self._zone),)
+            case Phase.LEAVE:
+                self._reselects = True
+                self._refused_by &= {self._last}  # the contract takes no proposal to the same UAV again at once
+                return self._report() if self.state in {VehicleState.NEW, VehicleState.GONE} else self._leave()
+            case Phase.PROPOSE if self.state in {VehicleState.IDLE, VehicleState.UNSERVED}:
+                if self._reselects:
+                    self._look()
+                return (ReadZone(self._zone),) if self._zone else ()
             case Phase.BEACON if self.state is VehicleState.SERVED:
                 return self._beacon(self.uav, tick.time)
             case Phase.BEACON if self.state is VehicleState.UNSERVED and self._fix.position is not None:
@@ -167,19 +179,47 @@ class VehicleAgent(Agent):
                 self.machine.advance(VehicleMessage.LEAVE)
                 self.uav = None
             return ()
-        x, y = self._fix.position
-        zone = int(self._grid.zone_of(_one(x), _one(y))[0])
-        record = VehicleRecord(np.round(x, 1).item(), np.round(y, 1).item(), self._payment, zone)
+        record = self._here(*self._fix.position)
         if self.state is VehicleState.NEW:
             return self._call(RegisterVehicle(record))
         if not self.machine.allows(VehicleMessage.UPDATE):
             return ()
-        if not self._signs or not zone:
+        if not self._signs or not record.zone:
             return self._call(UpdateVehicle(record))
         self.machine.advance(VehicleMessage.UPDATE)
         self._record = record
-        self._note_record(round(record.x * DECIMETRES), round(record.y * DECIMETRES), zone)
+        self._note_record(record)
         return ()
+
+    def _here(self, x: float, y: float) -> VehicleRecord:
+        """Its record at a place [m]."""
+        zone = int(self._grid.zone_of(_one(x), _one(y))[0])
+        return VehicleRecord(np.round(x, 1).item(), np.round(y, 1).item(), self._payment, zone)
+
+    # Within a period
+
+    def _leave(self) -> Sequence[Command]:
+        """One whose trip is over gives its UAV up, so that another can have it; one whose UAV left is without one."""
+        if self._lost and self.state in _BOUND:
+            served = self.state is VehicleState.SERVED
+            self.machine.advance(VehicleMessage.DISPLACED if served else VehicleMessage.REJECTED)
+            self.uav = None
+        if self._fix.position is not None:
+            return ()
+        if self.state in _BOUND and self._told is not None:
+            return self._call(UpdateVehicle(replace(self._told, zone=0)))
+        if self.state is VehicleState.UNSERVED:
+            self.machine.advance(VehicleMessage.LEAVE)
+        return ()
+
+    def _look(self) -> None:
+        """Where it is now is what it asks by; the contract hears of it with a proposal, or not at all."""
+        if self._fix.position is None:
+            self._zone = 0
+            return
+        record = self._here(*self._fix.position)
+        self._record = None if record == self._told else record
+        self._note_record(record)
 
     # The chain
 
@@ -188,30 +228,41 @@ class VehicleAgent(Agent):
         match event.name:
             case "VehicleRegistered":
                 self.machine.advance(VehicleMessage.REGISTER)
-                self._note_record(args["x"], args["y"], args["zone"])
+                self._note_told(args)
             case "VehicleUpdated":
-                self.machine.advance(VehicleMessage.UPDATE)
-                self._note_record(args["x"], args["y"], args["zone"])
-                self._record = None
+                gives_up = self.state in _BOUND  # or the contract would have refused it
+                self.machine.advance(VehicleMessage.GIVE_UP if gives_up else VehicleMessage.UPDATE)
+                self._note_told(args)
+                if gives_up:
+                    self.uav = None
+                    self._leave()
             case "VehSelectionSubmitted":
                 if self.state is not VehicleState.CHOOSING:  # read before this agent was started again
                     self.machine.advance(VehicleMessage.READ_ZONE)
                 self.machine.advance(VehicleMessage.PROPOSE)
-                self.uav, self._record = args["uav"], None
+                self.uav, self._record, self._lost = args["uav"], None, False
+                self._told = _record(args)
             case "UAVAllocated" if args["uav"] == self.uav and self.state in _BOUND:
                 self._learn(self.address in args["selected"])
+            case "UAVSubmissionReset" if args["uav"] == self.uav:
+                self._lost = True
             case "ZoneListsReset" if args["zone"] == self._zone and not self._closed:
                 self._end_period()
 
-    def _note_record(self, x: int, y: int, zone: int) -> None:
-        """What the contract has, or gets with the next proposal, is what Algorithm 1 goes by [0.1 m]."""
-        self._zone = zone
+    def _note_told(self, args: Mapping[str, Any]) -> None:
+        """What the contract has now, by an event of it."""
+        self._told, self._record = _record(args), None
+        self._note_record(self._told)
+
+    def _note_record(self, record: VehicleRecord) -> None:
+        """What the contract has, or gets with the next proposal, is what Algorithm 1 goes by."""
+        self._zone = record.zone
         self._closed = False
         # Algorithm 1 weighs the UAVs alone, so the vehicle's own reputation does not matter here.
         self._table = VehicleTable(
             ids=(self.name,),
-            x=_one(x / DECIMETRES),
-            y=_one(y / DECIMETRES),
+            x=_one(record.x),
+            y=_one(record.y),
             zone=np.array([self._zone], dtype=np.int64),
             demand=_one(self._demand),
             payment=_one(self._payment),
@@ -228,6 +279,7 @@ class VehicleAgent(Agent):
             self.machine.advance(VehicleMessage.ACCEPTED if selected else VehicleMessage.REJECTED)
         if not selected and self.uav is not None:
             self._refused_by.add(self.uav)
+            self._last = self.uav
             self.uav = None
 
     def _end_period(self) -> None:
@@ -237,6 +289,7 @@ class VehicleAgent(Agent):
         if self.machine.allows(VehicleMessage.RESET):
             self.machine.advance(VehicleMessage.RESET)
         self.uav = self.choice = self._advised = None
+        self._lost = False
         self._refused_by.clear()
 
     # Algorithm 1
@@ -250,30 +303,40 @@ class VehicleAgent(Agent):
         if self._table is None:
             raise RuntimeError("a vehicle reports before it chooses")
         self.machine.advance(VehicleMessage.READ_ZONE)
-        refused = np.array([[address in self._refused_by for address in view.uavs.ids]], dtype=bool)
-        column = int(propose(self._table, view.uavs, self._settings, refused)[0])
+        closed = np.array([address in self._refused_by for address in view.uavs.ids], dtype=bool)
+        if self._reselects:
+            closed |= view.room < self._demand
+        column = int(propose(self._table, view.uavs, self._settings, closed[None])[0])
         columns = np.arange(len(view.uavs.ids))
         pairs = (self._table, view.uavs, np.zeros_like(columns), columns, self._settings)
         qou = np.where(are_candidates(*pairs), pair_qou(*pairs), -np.inf)
-        column = self._or_stay(column, qou, view) if self._settings.method == "two-sided" else self._as_advised(view)
+        if self._settings.method != "two-sided":
+            column = self._as_advised(view)
+        elif not self._reselects:
+            column = self._or_stay(column, qou, view)
         weighed = {
             address: float(score) for address, score in zip(view.uavs.ids, qou, strict=True) if np.isfinite(score)
         }
         if column < 0:
             self.choice = Choice(None, 0.0, weighed)
-            wishes = self._tell_record()
+            wishes = () if self._reselects else self._tell_record()
             if not wishes:
                 self.machine.advance(VehicleMessage.ABSTAIN)
             return wishes
         self.choice = Choice(view.uavs.ids[column], float(qou[column]), weighed)
         proposal = Propose(view.uavs.ids[column], self._demand, view.round)
-        return self._call(Offer(proposal, self._told(view)) if self._signs else proposal)
+        if self._signs:
+            return self._call(Offer(proposal, self._signed(view)))
+        if self._record is None:
+            return self._call(proposal)
+        self._next = proposal
+        return self._call(UpdateVehicle(self._record))
 
     def _tell_record(self) -> Sequence[Command]:
         """One that has nothing to sign tells the contract where it is by itself."""
         return () if self._record is None else self._call(UpdateVehicle(self._record))
 
-    def _told(self, view: ZoneView) -> VehicleRecord:
+    def _signed(self, view: ZoneView) -> VehicleRecord:
         """The record that its proposal is signed with."""
         assert self._table is not None  # noqa: S101  (it has one, or it would not choose)
         return VehicleRecord(float(self._table.x[0]), float(self._table.y[0]), self._payment, view.zone)
@@ -298,6 +361,11 @@ class VehicleAgent(Agent):
             better = np.flatnonzero(qou > qou[before] + hysteresis)
             self._triggered = self._trigger.note(self._served_by, [view.uavs.ids[uav] for uav in better]) >= patience
         return before if qou[before] + hysteresis >= qou[column] or not self._triggered else column
+
+
+def _record(args: Mapping[str, Any]) -> VehicleRecord:
+    """A vehicle's record as an event of the contract has it."""
+    return VehicleRecord(args["x"] / DECIMETRES, args["y"] / DECIMETRES, args["payment"], args["zone"])
 
 
 def _one(value: float) -> FloatArray:

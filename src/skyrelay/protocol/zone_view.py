@@ -20,11 +20,13 @@ class ZoneView:
         round: that proposals have to name now.
         uavs: its UAVs in the contract's list order, ids being their addresses. Bandwidth is what each offers in the
             whole period, so that a vehicle's preferences do not change between the rounds of a period.
+        room: [U] of that, what is not committed to a vehicle [kbit/s].
     """
 
     zone: int
     round: int
     uavs: UavTable
+    room: FloatArray
 
 
 def read_zone(client: IovClient, zone: int) -> ZoneView | None:
@@ -32,7 +34,9 @@ def read_zone(client: IovClient, zone: int) -> ZoneView | None:
     info = client.zone_info(zone)
     if info is None:
         return None
-    return ZoneView(zone, info.round, _table(client.uav_infos(client.zone_uavs(zone))))
+    infos = client.uav_infos(client.zone_uavs(zone))
+    room = np.array([uav.available for uav in infos], dtype=np.float64)
+    return ZoneView(zone, info.round, _table(infos), room)
 
 
 def _table(infos: Sequence[UavInfo]) -> UavTable:

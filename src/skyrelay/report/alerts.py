@@ -41,7 +41,8 @@ def _batteries(run: Run) -> list[tuple[int, Alert]]:
 def _late(run: Run) -> list[tuple[int, Alert]]:
     found = []
     names, steps = run.events["name"], run.events["step"]
-    for row in np.flatnonzero((names == "ZoneAllocated") & (steps % run.summary.period_steps != 0)).tolist():
+    due = (steps % run.summary.period_steps == 0) | np.isin(steps, list(run.scenario.reselections))
+    for row in np.flatnonzero((names == "ZoneAllocated") & ~due).tolist():
         zone = json.loads(run.events["args"][row]).get("zone", "")
         late = int(steps[row]) % run.summary.period_steps
         text = f"zone {zone} was allocated {late} steps after its period began"

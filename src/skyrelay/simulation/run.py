@@ -24,7 +24,7 @@ from skyrelay.protocol.authority import ReputationAuthority
 from skyrelay.protocol.coordinator import ZoneCoordinator
 from skyrelay.protocol.history import History, Period
 from skyrelay.protocol.host import Host
-from skyrelay.protocol.messages import Fix, Phase, Tick
+from skyrelay.protocol.messages import RESELECTION, Fix, Phase, Tick
 from skyrelay.protocol.rule import Decider
 from skyrelay.protocol.uav import UavAgent
 from skyrelay.protocol.vehicle import Choice, VehicleAgent
@@ -184,7 +184,9 @@ class Run:
         self._vehicle_row = {name: row for row, name in enumerate(self.vehicles)}
         flight = world.scenario.coordination
         names = {address: name for name, address in (self.vehicles | self.uavs).items()}
-        self.history = History(names, -(-flight.steps // flight.period_steps), flight.period_steps)
+        self._reselections = world.scenario.reselections
+        periods = -(-flight.steps // flight.period_steps)
+        self.history = History(names, periods, flight.period_steps, self._reselections)
         self.events: list[tuple[int, Event]] = []
         self.step = 0
         self.shown = 0  # the step whose row is the next to show what the chain says
@@ -196,6 +198,7 @@ class Run:
         self.qou: list[float] = []
         self.qov: list[float] = []
         self.served: set[str] = set()
+        self._served_in: list[int] = []  # by period, how many vehicles
         self.there: list[set[str]] = []  # by period, the vehicles that told the chain where they are
 
     # The clock
@@ -210,6 +213,8 @@ class Run:
         for period, start in enumerate(range(0, config.steps, config.period_steps)):
             self.select(period, start)
             for step in range(start, min(start + config.period_steps, config.steps)):
+                if step in self._reselections:
+                    self.reselect(period, step)
                 self.fly(period, step)
                 progress.advance()
             self._note_period(period)
@@ -253,6 +258,13 @@ class Run:
         )
         if step == 0:
             self.written.step(0)
+
+    def reselect(self, period: int, step: int) -> None:
+        """Within a period: who left gives its UAV up, and who has none asks those that have room."""
+        for phase in RESELECTION:
+            self._tick(phase, period)
+            self._note_choices(period)
+        self.hovering.correct(self.hovering.reselection(self.tracks, self.world.members, step))
 
     def fly(self, period: int, step: int) -> None:
         """From ``step`` to the next: UAVs decide on what they were told, everyone moves, the result is measured."""
@@ -363,7 +375,7 @@ class Run:
         """Whom each vehicle weighed, in every round the same, and the QoU of whom it has asked."""
         choices = self.hosts.choices()
         for name, address in self.vehicles.items():
-            if address in choices and choices[address].weighed:
+            if address in choices and choices[address].weighed and self.step not in self._reselections:
                 self._weighed[name] = choices[address].weighed
         for row in self.history.periods[period].proposals:
             choice = choices.get(self.vehicles[row["vehicle"]])
@@ -388,7 +400,9 @@ class Run:
                 self.qou.append(row["qou"])
                 self.qov.append(row["qov"] * QOV_UNIT)
         self.written.proposals(told.proposals)
-        self.served |= told.served.keys()
+        served = {row["vehicle"] for row in told.proposals if row["accepted"]}
+        self.served |= served
+        self._served_in.append(len(served))
         self.there.append(set(told.members))
         self.history.periods[period] = Period()  # it is written: a long run does not hold on to it
         self._qou.clear()
@@ -439,8 +453,8 @@ class Run:
             "periods": self.periods,
             "steps": config.steps,
             "served": len(self.served),
-            "served_per_period": round(float(np.mean(flying.served)), 2),
-            "static_served_per_period": round(float(np.mean(hovering.served)), 2),
+            "served_per_period": round(float(np.mean(self._served_in)), 2),
+            "static_served_per_period": round(float(np.mean(list(map(len, hovering.served)))), 2),
             "mean_qou": _mean(self.qou),
             "mean_qov": _mean(self.qov),
             **self.written.figures(),

@@ -15,6 +15,7 @@ from skyrelay.selection import select
 from skyrelay.selection.candidates import candidate_pairs
 from skyrelay.selection.handover import Trigger
 from skyrelay.selection.methods import ANY_GAIN
+from skyrelay.selection.reselection import reselect
 from skyrelay.simulation.flight import NOBODY, Flight, Measure, Service
 from skyrelay.simulation.world import Fleet, Members
 
@@ -52,13 +53,17 @@ def uavs_of(fleet: Fleet) -> tuple[IntArray, UavTable]:
 
 
 class Team:
-    """A fleet, the selection it flies (or hovers) over, and whom it has served."""
+    """A fleet, the selection it flies (or hovers) over, and whom it has served.
+
+    Attributes:
+        served: by period, the rows of the vehicles that had a UAV in it.
+    """
 
     def __init__(self, law: Law, settings: Selection, fleet: Fleet, demand: IntArray) -> None:
         self.fleet = fleet
         self._grid, self._settings = law.grid, settings
         self.flight = Flight(law, fleet, demand)
-        self.served: list[int] = []
+        self.served: list[set[int]] = []
         self._zones: IntArray = fleet.zone
         self._triggers: dict[int, Trigger] = defaultdict(Trigger)  # by row of a vehicle
         self._zone_of_owner = np.zeros(len(demand), dtype=np.int64)
@@ -66,7 +71,7 @@ class Team:
     def assign(self, owner: IntArray) -> None:
         """Begin a period."""
         self._zones = self.fleet.zone.copy()
-        self.served.append(0)
+        self.served.append(set())
         self._serve(owner)
 
     def correct(self, owner: IntArray) -> None:
@@ -77,7 +82,7 @@ class Team:
     def _serve(self, owner: IntArray) -> None:
         self.flight.assign(owner)
         self._zone_of_owner = np.where(owner != NOBODY, self._zones[owner], 0)
-        self.served[-1] = int((owner != NOBODY).sum())
+        self.served[-1] |= set(np.flatnonzero(owner != NOBODY).tolist())
 
     def selection(self, tracks: Tracks, members: Members, step: int, seed: int) -> IntArray:
         """[V] the row of each vehicle's UAV by the run's method, at this fleet's own positions, without a chain."""
@@ -117,6 +122,17 @@ class Team:
                 if self._triggers[int(rows[row])].note(uavs.ids[incumbent[row]], names) < rule.time_to_trigger:
                     points[row] = ANY_GAIN
         return points
+
+    def reselection(self, tracks: Tracks, members: Members, step: int) -> IntArray:
+        """[V] the row of each vehicle's UAV, once those without one have asked the UAVs that have room."""
+        rows, vehicles = vehicles_at(tracks, members, self._grid, step)
+        airborne, uavs = uavs_of(self.fleet)
+        index = np.full(len(self.fleet.ids) + 1, NOBODY)  # the last one stands for nobody
+        index[airborne] = np.arange(len(airborne))
+        chosen = reselect(vehicles, uavs, index[self.flight.owner[rows]], self._settings)
+        owner = np.full(len(tracks.ids), NOBODY)
+        owner[rows[chosen >= 0]] = airborne[chosen[chosen >= 0]]
+        return owner
 
     def measure(self, x: FloatArray, y: FloatArray) -> tuple[Service, list[Measure]]:
         """What vehicles get at one step, and how well it goes in every zone with a team, then in the whole area."""
