@@ -114,8 +114,15 @@ $(VENV)/jaxmarl/.ready: constraints-jaxmarl.txt
 
 peers: $(VENV)/peers/.ready $(VENV)/jaxmarl/.ready ## what the benchmarks of environment and training compare with (6 GB)
 
-test-peers: $(VENV)/peers/.ready ## BenchMARL and TorchRL train on the game (installs PyTorch, 5 GB)
+# Its own pins (pandas 1.4) have no wheel for our Pythons: what its reader imports, and no more.
+$(VENV)/marl-eval/.ready: constraints-marl-eval.txt
+	@$(PYTHON) -m venv $(VENV)/marl-eval
+	@$(VENV)/marl-eval/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --requirement constraints-marl-eval.txt
+	@touch $@
+
+test-peers: $(VENV)/peers/.ready $(VENV)/marl-eval/.ready ## BenchMARL and TorchRL train on the game, marl-eval reads our export (installs PyTorch, 5 GB)
 	$(VENV)/peers/bin/python -m pytest tests/peers
+	$(VENV)/marl-eval/bin/python tests/peers/read_marl_eval.py
 
 test-all: check test test-survival test-browser test-evm test-gpsd test-contracts test-nodes test-sumo test-peers ## everything
 
