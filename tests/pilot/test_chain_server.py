@@ -188,6 +188,7 @@ def test_transactions_of_every_kind_that_wallets_sign(served):
         ("0xc0", "9 fields"),
         ("0x" + "c1" * 50, "RLP"),
         ("nonsense", "hexadecimal data"),
+        ("0x c0", "hexadecimal data"),
         (17, "hexadecimal data"),
     ],
 )
@@ -325,6 +326,8 @@ def test_whatever_is_asked_is_answered_or_refused(method, params):
         (b'{"id": 1, "method": "eth_chainId", "params": {"a": 1}}', rpc.INVALID),
         (b'{"id": 1, "method": "eth_sign", "params": []}', rpc.UNKNOWN),
         (b'{"id": 1, "method": "eth_chainId", "params": [1]}', rpc.PARAMS),
+        (b'{"id": 1, "method": "eth_getBlockByNumber", "params": ["0x-1", false]}', rpc.PARAMS),
+        (b'{"id": 1, "method": "eth_getBlockByNumber", "params": ["0x1_0", false]}', rpc.PARAMS),
         (json.dumps([{"id": 1, "method": "eth_chainId"}] * (LARGEST_BATCH + 1)).encode(), rpc.INVALID),
     ],
 )
