@@ -1,4 +1,4 @@
-"""Runs with a selection again within a period, by transactions and by batches."""
+"""Runs with a selection again within a period and with dispatch, by transactions and by batches."""
 
 import pyarrow.parquet as pq
 import pytest
@@ -19,7 +19,7 @@ def runs(tmp_path_factory):
     found = {}
     for way in ("direct", "batch"):
         folder = tmp_path_factory.mktemp(way)
-        keys = [*SMALL, "coordination.reselect_steps=3", f"chain.submission={way}"]
+        keys = [*SMALL, "coordination.reselect_steps=3", "coordination.dispatch=true", f"chain.submission={way}"]
         found[way] = folder, play(load_scenario("bologna", keys, 3), folder, Silent())
     return found
 
@@ -35,7 +35,10 @@ def test_vehicles_are_served_from_within_a_period_on(runs):
     assert at[4] - seen[0] or at[7] - seen[0]  # one that came after the period began
 
 
-def test_batches_give_the_same_tables(runs):
+def test_batches_give_the_same_tables_and_uavs_are_dispatched(runs):
+    zones = pq.read_table(runs["batch"][0] / "uavs.parquet", columns=["uav", "zone"]).to_pylist()
+    assert len({(row["uav"], row["zone"]) for row in zones if row["zone"]}) > 18
+    assert runs["batch"][1]["gas_used"] < runs["direct"][1]["gas_used"]
     for table in ("members", "candidates", "fleet", "vehicles", "uavs", "metrics"):
         direct, batch = (pq.read_table(folder / f"{table}.parquet") for folder, _ in runs.values())
         assert batch.equals(direct), table

@@ -162,6 +162,7 @@ def make_agents(kind: Kind, config: HostConfig, keyring: Keyring) -> list[Agent]
                 grid,
                 scenario.selection,
                 signs=signs,
+                tells=scenario.coordination.dispatch,
             )
             for vehicle in config.vehicle
         ]

@@ -70,6 +70,7 @@ class VehicleAgent(Agent):
         settings: of the selection (weights, maxima, candidates).
         signs: whether it signs its proposals, its record with them, for others to hand in; what is left out, and a
             record without a proposal, it sends itself.
+        tells: whether it sends its record itself all the same: dispatch, which is before the proposals, goes by it.
     """
 
     HEARS: ClassVar[frozenset[str]] = frozenset({"UAVAllocated", "UAVSubmissionReset", "ZoneListsReset"})
@@ -84,6 +85,7 @@ class VehicleAgent(Agent):
         settings: Settings,
         *,
         signs: bool = False,
+        tells: bool = False,
     ) -> None:
         super().__init__(name, address)
         self.machine = Machine(f"vehicle {name}", VEHICLE, VehicleState.NEW)
@@ -100,7 +102,7 @@ class VehicleAgent(Agent):
         self._advised: str | None = None
         self._table: VehicleTable | None = None
         self._zone = 0
-        self._signs = signs
+        self._signs, self._tells = signs, tells
         self._record: VehicleRecord | None = None
         """Of this period, which the contract does not have yet."""
         self._told: VehicleRecord | None = None
@@ -184,7 +186,7 @@ class VehicleAgent(Agent):
             return self._call(RegisterVehicle(record))
         if not self.machine.allows(VehicleMessage.UPDATE):
             return ()
-        if not self._signs or not record.zone:
+        if not self._signs or self._tells or not record.zone:
             return self._call(UpdateVehicle(record))
         self.machine.advance(VehicleMessage.UPDATE)
         self._record = record

@@ -138,7 +138,16 @@ def world_agents(world: World, account: Callable[[str], str], load: Callable[[by
     uavs = zip(fleet.ids, fleet.zone.tolist(), fleet.bandwidth.tolist(), strict=True)
     return [
         *(
-            VehicleAgent(name, addresses[name], demand, payment, world.law.grid, selection, signs=signs)
+            VehicleAgent(
+                name,
+                addresses[name],
+                demand,
+                payment,
+                world.law.grid,
+                selection,
+                signs=signs,
+                tells=scenario.coordination.dispatch,
+            )
             for name, demand, payment in vehicles
         ),
         *(
