@@ -9,6 +9,7 @@ from skyrelay.cli.main import app
 from skyrelay.core.errors import ScenarioError
 from skyrelay.core.progress import Silent
 from skyrelay.core.scenario import load_scenario
+from skyrelay.report.bound import bound
 from skyrelay.simulation.run import play
 
 SMALL = ["coordination.steps=16", "coordination.period_steps=8", "fleet.uavs=18", "mobility.penetration=0.08"]
@@ -57,6 +58,12 @@ def test_the_selection_at_the_periods_begin_is_retold(runs):
     told = CliRunner().invoke(app, ["explain", str(folder), "--vehicle", vehicle], standalone_mode=False)
     members = {one["vehicle"] for one in pq.read_table(folder / "members.parquet").to_pylist()}
     assert (told.exception is None) == (vehicle in members)
+
+
+def test_its_bound_counts_those_who_came_within_a_period(runs):
+    (free,) = bound(runs["direct"][0], 5)
+    assert free.level == "free"
+    assert 0.0 < free.share < 1.0
 
 
 @pytest.mark.parametrize("key", ["payment.enabled=true", "chain.allocation=optimistic"])

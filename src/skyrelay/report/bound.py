@@ -52,7 +52,7 @@ class Bound:
 
 
 def bound(folder: Path, every: int = 1) -> list[Bound]:
-    """The bounds of a run, level by level.
+    """The bounds of a run, level by level: ``free`` alone where vehicles were selected within periods, too.
 
     Args:
         every: look at every so many steps only, for what the run carried as well.
@@ -67,11 +67,12 @@ def bound(folder: Path, every: int = 1) -> list[Bound]:
     fleet, members = read_table(folder, "fleet"), read_table(folder, "members")
     steps = np.arange(1, run.summary.steps + 1, every)
     carried = float(np.nanmean(run.metric("carried_mbps")[steps]))
-    totals = {level: np.zeros(3) for level in LEVELS}
+    levels = LEVELS[:1] if run.scenario.reselections else LEVELS
+    totals = {level: np.zeros(3) for level in levels}
     by_zone = dict.fromkeys(run.grid.ids, 0.0)
     world = _World(run, law, fleet, members)
     for step in steps.tolist():
-        for level in LEVELS:
+        for level in levels:
             reach, demand, capacity, zone = world.at(step, level)
             taken = certified(reach, demand, capacity)
             totals[level] += np.array([taken.sum(), capacity.sum(), demand.sum()])
@@ -79,7 +80,7 @@ def bound(folder: Path, every: int = 1) -> list[Bound]:
                 for number in np.unique(zone).tolist():
                     by_zone[number] += float(taken[zone == number].sum())
     told = []
-    for level in LEVELS:
+    for level in levels:
         mbps, capacity, demand = (totals[level] / len(steps) / 1000.0).tolist()
         zones = {number: value / len(steps) / 1000.0 for number, value in by_zone.items()} if level == "zones" else {}
         told.append(Bound(level, mbps, carried / mbps if mbps > 0.0 else None, zones, capacity, demand))
