@@ -94,7 +94,7 @@ test-survival: $(READY) ## agents as processes, killed, late, cut off, by their 
 # SUMO is half a gigabyte: an environment of its own.
 $(VENV)/sumo/.ready: pyproject.toml constraints.txt
 	@$(PYTHON) -m venv $(VENV)/sumo
-	@$(VENV)/sumo/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt eclipse-sumo pytest --editable ".[sumo]"
+	@$(VENV)/sumo/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt beartype eclipse-sumo pytest --editable ".[sumo,train]"
 	@touch $@
 
 test-sumo: $(VENV)/sumo/.ready ## traces recorded from the real simulator (installs SUMO, 0.9 GB)
@@ -104,7 +104,7 @@ test-sumo: $(VENV)/sumo/.ready ## traces recorded from the real simulator (insta
 $(VENV)/peers/.ready: pyproject.toml constraints-peers.txt
 	@echo "Installing PyTorch, TorchRL, BenchMARL and VMAS into $(VENV)/peers (5 GB)"
 	@$(PYTHON) -m venv $(VENV)/peers
-	@$(VENV)/peers/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints-peers.txt torch vmas mpe2 pytest --editable ".[peers]"
+	@$(VENV)/peers/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints-peers.txt beartype torch vmas mpe2 pytest --editable ".[peers]"
 	@touch $@
 
 $(VENV)/jaxmarl/.ready: constraints-jaxmarl.txt

@@ -23,6 +23,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -93,9 +94,7 @@ class Round:
         )
         open_zones = list(ZONES)
         while open_zones:
-            receipts = self._stage(
-                "allocate", lambda zones=open_zones: [client.allocate_zone(self.admin, zone, 60) for zone in zones]
-            )
+            receipts = self._stage("allocate", partial(_allocations, client, self.admin, open_zones))
             done = {event.args["zone"] for event in client.events_of(receipts) if event.name == "ZoneAllocated"}
             open_zones = [zone for zone in open_zones if zone not in done]
         self._stage("reset", lambda: [client.reset_lists_for_zone(self.admin, zone) for zone in ZONES])
@@ -125,6 +124,10 @@ class Round:
         stage["seconds"] += seconds
         stage["gas"] += sum(receipt.gas_used for receipt in receipts)
         return receipts
+
+
+def _allocations(client: IovClient, admin: str, zones: list[int]) -> list[Call]:
+    return [client.allocate_zone(admin, zone, 60) for zone in zones]
 
 
 def embedded(vehicles: int, uavs: int) -> dict[str, Any]:

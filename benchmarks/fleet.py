@@ -10,6 +10,7 @@ import argparse
 import json
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -59,7 +60,7 @@ def main() -> None:
     parser.add_argument("--parts", default=",".join(map(str, range(len(PARTS)))), help="numbers, from 0")
     args = parser.parse_args()
     names = [list(PARTS)[int(part)] for part in args.parts.split(",")]
-    runs: dict[str, list[dict]] = {name: [] for name in names}
+    runs: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
     for seed in range(1, args.seeds + 1):
         for name in names:
             with tempfile.TemporaryDirectory() as folder:

@@ -16,15 +16,18 @@ import json
 import random
 import statistics
 import time
+from functools import partial
 
 from skyrelay.airspace.law import Law
 from skyrelay.chain.abi import Event
 from skyrelay.chain.accounts import Keyring
+from skyrelay.chain.client import Model
 from skyrelay.core.scenario import Energy
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.policy import Policy
 from skyrelay.protocol.beacon import BeaconGate, Session
 from skyrelay.protocol.messages import Beacon, Decide, Decided, Fix, ModelFetched, ModelRead, Phase, Tick
+from skyrelay.protocol.model_card import chain_card
 from skyrelay.protocol.sequence import UavState
 from skyrelay.protocol.sight import decide
 from skyrelay.protocol.uav import UavAgent
@@ -49,7 +52,7 @@ def main() -> None:
     vehicles = [ring.account(f"vehicle {n}") for n in range(args.vehicles)]
     agent = equipped(me, mates, vehicles)
     gate = BeaconGate(CONTRACT, {me, *mates}, set(vehicles), {1}, patience=LAW.patience)
-    sessions = [Session(m, CONTRACT, lambda text, m=m: ring.vouch(m, text), 0.0, 1e9) for m in [*mates, *vehicles]]
+    sessions = [Session(m, CONTRACT, partial(ring.vouch, m), 0.0, 1e9) for m in [*mates, *vehicles]]
 
     def place() -> tuple[float, float]:
         return chance.uniform(0.0, SIDE), chance.uniform(0.0, SIDE)
@@ -72,12 +75,14 @@ def main() -> None:
         agent.receive(Fix(place(), 80.0))
         (wish,) = agent.receive(Tick(Phase.DECIDE, step=step, time=now))
         assert isinstance(wish, Decide)
+        assert isinstance(wish.policy, Policy)
         agent.receive(Decided(decide(wish.policy, [wish.sight])[0]))
         hearing.append(heard - begin)
         working.append(time.thread_time() - worked)
         deciding.append(time.perf_counter() - heard)
         if step % 100 == 0:
             gc.collect()
+    assert isinstance(wish, Decide)
     assert len(wish.sight.team) == args.mates
     result = {f"decision_{name}_ms": value for name, value in percentiles(deciding).items()}
     result |= {f"decision_{name}_by_processor_time_ms": value for name, value in percentiles(working).items()}
@@ -101,7 +106,7 @@ def equipped(me: str, mates: list[str], vehicles: list[str]) -> UavAgent:
         tell("UAVAllocated", uav=mate, zone=1, selected=["0x" + "ee" * 20])
     tell("ModelAssigned", zone=1, modelId="0x01")
     cid = Cid.parse("bafkreihdwdcefgh4dqkjv67uzcmw7ojee6xedzdetojuzjevtenxquvyku", "model")
-    agent.receive(ModelRead("0x01", cid))
+    agent.receive(ModelRead(Model("0x01", bytes(cid), chain_card(policy.card), me, retired=False)))
     agent.receive(ModelFetched(cid, policy.content))
     assert agent.state is UavState.FLYING
     return agent

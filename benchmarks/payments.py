@@ -39,7 +39,8 @@ def main() -> None:
         receipts = chain.send(calls, timestamp)
         if not all(receipt.status for receipt in receipts):
             raise SystemExit("a call was refused")
-        return round(sum(receipt.gas_used for receipt in receipts) / count)
+        used: int = sum(receipt.gas_used for receipt in receipts)
+        return round(used / count)
 
     rows: dict[str, list[float]] = {}
 
@@ -53,7 +54,9 @@ def main() -> None:
         note("deposit", gas([payments.deposit(vehicle, vehicle, 3 * price) for vehicle in vehicles], now))
         relay.execute([relay.submit_veh_selection(v, uav, demand, number + 1 + number) for v in vehicles], now)
         relay.execute([relay.allocate_zone(admin, 1, 1000)], now)
-        period = relay.zone_info(1).period
+        zone = relay.zone_info(1)
+        assert zone is not None
+        period = zone.period
         note("open", gas([payments.open(uav, count)], now))
         receipts = [Receipt(vehicle, uav, 1, period, price // 2) for vehicle in vehicles]
         if number % 2:  # as a vehicle does that wants its rest sooner

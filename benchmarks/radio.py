@@ -50,7 +50,7 @@ def agent_steps(shape: Shape, radio: Radio | None, games: int, repeats: int) -> 
         def step(carry: tuple[game.State, jax.Array], key: jax.Array) -> Any:
             actions = jax.random.randint(key, (own, shape.uavs), 0, 9)
             state, transition = jax.vmap(game.step)(carry[0], actions)
-            got = transition.score.reward
+            got: Any = transition.score.reward
             if network is not None:
                 got = got, jax.vmap(lambda one: serve(one, network, SIDE, demand, available))(state)
             return (state, transition.observation), got
@@ -60,7 +60,8 @@ def agent_steps(shape: Shape, radio: Radio | None, games: int, repeats: int) -> 
     new = jax.vmap(lambda key: game.reset(key, shape, domain.draw(key)))
     state = jax.pmap(new)(jax.random.split(jax.random.key(0), (devices, own)))
     keys, on_each = jax.random.split(jax.random.key(1), devices), jax.pmap(play)
-    return own * devices * shape.uavs * STEPS / fastest(lambda: on_each(state, keys), repeats)
+    took: float = fastest(lambda: on_each(state, keys), repeats)
+    return own * devices * shape.uavs * STEPS / took
 
 
 def main() -> None:

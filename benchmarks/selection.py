@@ -108,7 +108,7 @@ def measure_loop(case: str) -> dict[str, Any]:
 
 def measure_matching(case: str) -> dict[str, Any]:
     """`matching`'s hospital-resident solver: making its preference lists (with our pairs), its game, solving."""
-    from matching.games import HospitalResident  # type: ignore[import-untyped]
+    from matching.games import HospitalResident
 
     sys.setrecursionlimit(10**6)  # it deletes pairs recursively
     vehicles, uavs, scenario = instance(case, equal=True)

@@ -19,7 +19,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from skyrelay.core.statistics import interval
+from skyrelay.core.statistics import Interval, interval
 from skyrelay.learning.presets import Training, training
 from skyrelay.learning.training import Report, train
 
@@ -74,7 +74,7 @@ def main() -> None:
     options = parser.parse_args()
     result: dict[str, Any] = {"level": options.level}
 
-    seconds = {}
+    seconds: dict[str, Interval] = {}
     for name, paper_maps in (("skyrelay", False), ("skyrelay_paper_maps", True)):
         runs = result[name] = []
         for seed in range(options.seeds):
@@ -105,7 +105,7 @@ def main() -> None:
             f"{last['seconds']:.1f} s of training"
         )
         for name, mean in seconds.items():
-            result[f"ratio_to_{name}"] = ratio = last["seconds"] / mean["mean"]
+            result[f"ratio_to_{name}"] = ratio = last["seconds"] / mean.mean
             print(f"BenchMARL over {name}: {'' if got_there else 'more than '}{ratio:.0f} times the time")
 
     print(json.dumps(result))

@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -46,10 +47,10 @@ def main() -> None:
     law = Hearing(radius, shadowing=options.shadowing)
     step, period = scenario.coordination.step_seconds, scenario.coordination.period_steps
     begin = time.monotonic()
-    rows = []
+    rows: list[dict[str, Any]] = []
     for share in SHARES:
         random = np.random.default_rng((options.seed, round(100 * share)))
-        cases = [("constant offset", offset) for offset in OFFSETS]
+        cases: list[tuple[str, float | None]] = [("constant offset", offset) for offset in OFFSETS]
         cases += [("random offset", offset) for offset in OFFSETS]
         cases += [("random position", None), ("eventual stop", None)]
         honest = []
@@ -74,7 +75,7 @@ def main() -> None:
                     "false_alarms": _share(false, others),
                 }
             )
-    told = {
+    told: dict[str, Any] = {
         "range_m": radius,
         "shadowing_db": options.shadowing,
         "period_s": period * step,
@@ -88,12 +89,12 @@ def main() -> None:
         return
     print(f"range {radius:.0f} m, shadowing {options.shadowing:g} dB, {told['seconds']} s")
     for row in rows:
-        offset = "" if row["offset_ranges"] is None else f"{row['offset_ranges']:g} ranges"
-        found, false = row["found"], row["false_alarms"]
+        about = "" if row["offset_ranges"] is None else f"{row['offset_ranges']:g} ranges"
+        right, wrong = row["found"], row["false_alarms"]
         print(
-            f"{row['liars']:>4.0%} liars, {row['kind']:<15} {offset:<11}"
-            f" found {found['share']:6.1%} ({found['low']:.1%} to {found['high']:.1%} of {found['of']})"
-            f"  false alarms {false['share']:.2%}"
+            f"{row['liars']:>4.0%} liars, {row['kind']:<15} {about:<11}"
+            f" found {right['share']:6.1%} ({right['low']:.1%} to {right['high']:.1%} of {right['of']})"
+            f"  false alarms {wrong['share']:.2%}"
         )
 
 
@@ -144,8 +145,8 @@ def _claims(
     times = len(true)
     for member in np.flatnonzero(liar):
         if kind == "constant offset":
-            angle = random.uniform(0, 2 * np.pi)
-            claimed[:, member, :2] += (offset or 0.0) * law.radius * np.array([np.cos(angle), np.sin(angle)])
+            heading = random.uniform(0, 2 * np.pi)
+            claimed[:, member, :2] += (offset or 0.0) * law.radius * np.array([np.cos(heading), np.sin(heading)])
         elif kind == "random offset":  # a new one with each beacon, up to this far
             angle, length = (
                 random.uniform(0, 2 * np.pi, times),

@@ -33,7 +33,7 @@ def look(state: game.State) -> tuple[jax.Array, jax.Array]:
     return maps.reshape(len(maps), -1), square[:, headings] > 0
 
 
-def rollout(weights: jax.Array, key: jax.Array) -> tuple[jax.Array, jax.Array]:
+def rollout(weights: jax.Array, key: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
     """One episode: its return, and the sum over steps of log-probability times the reward still to come."""
     start, key = jax.random.split(key)
     state = game.reset(start, SHAPE, DOMAIN.draw(start))

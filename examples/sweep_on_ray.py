@@ -21,7 +21,7 @@ def one_run(uavs: int, seed: int, steps: int) -> tuple[float, float]:
     settings = {"fleet.uavs": uavs, "coordination.steps": steps}
     with tempfile.TemporaryDirectory() as place:
         summary = sr.run("bologna", out=Path(place) / "run", seed=seed, settings=settings, report=False).summary
-    return summary.in_range, summary.connected
+    return summary.in_range or 0.0, summary.connected or 0.0
 
 
 def main() -> None:

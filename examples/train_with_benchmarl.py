@@ -21,7 +21,7 @@ ALGORITHMS = {"ippo": IppoConfig, "mappo": MappoConfig}
 
 def experiment(options: argparse.Namespace) -> Experiment:
     """PPO with parameters shared by all UAVs; under mappo the critic sees the whole game."""
-    task = UavCoordinationTask.PAPER.get_task(
+    task = UavCoordinationTask.PAPER.get_task(  # type: ignore[attr-defined]
         {"uavs": options.uavs, "vehicles": options.vehicles, "n": 9, "steps": options.episode}
     )
     config = ExperimentConfig.get_from_yaml()

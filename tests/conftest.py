@@ -1,4 +1,4 @@
-"""Most of the time of tests that use JAX is compilation: here it is cheaper, and each program is compiled once."""
+"""Every function of the package holds to its types in the tests, and JAX compiles cheaply, each program once."""
 
 from __future__ import annotations
 
@@ -6,6 +6,21 @@ import os
 
 import jax
 import pytest
+from jaxtyping import config, install_import_hook
+
+# Where these are imported from here on, beartype stands before every function and dataclass. Not by pytest's option
+# `--jaxtyping-packages`: what pyproject.toml adds to the command line does not reach the workers of pytest-xdist.
+CHECKED = ("baselines", "coordination", "learning")
+install_import_hook(
+    [f"skyrelay.{package}" for package in CHECKED],
+    "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))",
+)
+
+
+@pytest.fixture
+def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As without the hook: for a test of how what is called with a wrong type refuses it by itself."""
+    monkeypatch.setattr(config, "jaxtyping_disable", True)
 
 
 def pytest_configure(config: pytest.Config) -> None:

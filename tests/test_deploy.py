@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -17,7 +18,7 @@ UNITS = sorted((ROOT / "deploy" / "systemd").glob("*.service"))
 
 def takes(words):
     """Whether the command line has such a command with such options."""
-    command = typer.main.get_command(app)
+    command: Any = typer.main.get_command(app)
     while words and words[0] in getattr(command, "commands", {}):
         command, words = command.commands[words[0]], words[1:]
     known = {option for parameter in command.params for option in parameter.opts}
@@ -68,7 +69,7 @@ def test_a_unit_calls_a_command_that_exists(unit):
 def test_systemd_takes_the_units(tmp_path):
     for unit in UNITS:
         # The program is not installed where the tests run.
-        text = unit.read_text().replace("/opt/skyrelay/bin/skyrelay", shutil.which("true"))
+        text = unit.read_text().replace("/opt/skyrelay/bin/skyrelay", shutil.which("true") or "")
         (tmp_path / unit.name.replace("@.", "@uav.")).write_text(text)
     line = ["systemd-analyze", "verify", *map(str, sorted(tmp_path.iterdir()))]
     told = subprocess.run(line, capture_output=True, text=True, check=False)

@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -75,7 +76,7 @@ def _commands():
 
 @pytest.mark.parametrize(("path", "line"), [pytest.param(*both, id=both[1]) for both in _commands()])
 def test_every_command_in_the_docs_exists_with_its_options(path, line):
-    command = typer.main.get_command(app)
+    command: Any = typer.main.get_command(app)
     words = re.sub(r"[\[\]|]", " ", line).split()[1:]  # [--optional] options as a usage line shows them
     while words and words[0] in getattr(command, "commands", {}):
         command = command.commands[words.pop(0)]

@@ -10,7 +10,7 @@ from benchmarl.models import Mlp, MlpConfig
 from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Unbounded
 
-from skyrelay.airspace.maps import GLOBAL_LOCATION, LOCATION_SCALE, PAPER_MAPS
+from skyrelay.airspace.maps import GLOBAL_LOCATION, MAPS, PAPER_MAPS
 from skyrelay.learning.egocentric import PLACE_SCALE, moved, offsets, width
 
 
@@ -18,7 +18,7 @@ def egocentric(maps: torch.Tensor) -> torch.Tensor:
     """`skyrelay.learning.egocentric.egocentric` of the six maps; [..., 6, n, n] to [..., width]."""
     *batch, _, n, _ = maps.shape
     maps = maps.reshape(-1, *maps.shape[-3:])
-    location = maps[:, GLOBAL_LOCATION] / LOCATION_SCALE
+    location = maps[:, GLOBAL_LOCATION] / MAPS["local_location"].scale
     column, row = location.sum(1), location.sum(2)
     table = torch.from_numpy(offsets(n))
     across, along = (torch.nn.functional.pad(own, (0, 1))[:, table] for own in (column, row))

@@ -33,7 +33,7 @@ class ReachedError(Exception):
     """The level is reached, or the time is up."""
 
 
-class GreedyTests(Callback):
+class GreedyTests(Callback):  # type: ignore[misc] # the library has no types
     """A greedy test after every few updates; ends the training at the level or the limit."""
 
     def __init__(self, options: argparse.Namespace) -> None:
@@ -65,7 +65,8 @@ class GreedyTests(Callback):
             teams = torch.from_numpy(np.array(maps)).reshape(-1, shape.uavs, *maps.shape[1:])
             with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
                 decided: Any = policy(TensorDict({GROUP: {"observation": teams}}, batch_size=[len(teams)]))
-            return decided[GROUP, "action"].reshape(-1).numpy()
+            actions: np.ndarray = decided[GROUP, "action"].reshape(-1).numpy()
+            return actions
 
         key = jax.random.fold_in(jax.random.key(config.seed), UNSEEN - 1)
         return float(np.mean(episodes_of(decide, starts(key, options.episodes, shape, config.domain))[0]))
@@ -104,8 +105,14 @@ def main() -> None:
     network = EgocentricMlpConfig(num_cells=widths, layer_class=nn.Linear, activation_class=nn.ReLU)
     game = {"uavs": options.uavs, "vehicles": options.vehicles, "n": preset.actor.n}
     tests = GreedyTests(options)
+    task: Any = UavCoordinationTask.PAPER
     experiment = Experiment(
-        UavCoordinationTask.PAPER.get_task(game), algorithm, network, options.seed, config, callbacks=[tests]
+        task.get_task(game),
+        algorithm,
+        network,
+        options.seed,
+        config,
+        callbacks=[tests],
     )
     compiled = parallel_env(**game)  # as compilation does not count for ours
     compiled.reset(seed=0)

@@ -31,6 +31,7 @@ def test_pieces_and_channels_apart_are_the_law_of_all_at_once(monkeypatch, model
     _, owner, ground, uavs = crowd()
     radio = Radio(model=model, channels=channels, shadowing=4.0)
     law = air(radio, 100.0, seed=1)
+    assert law is not None
     monkeypatch.setattr(module, "AT_ONCE", 40)
     found = Network(900.0, law)._efficiency(law, ground[owner >= 0], owner[owner >= 0], uavs, np.ones(UAVS, bool))
     sending = np.isin(np.arange(UAVS), owner)

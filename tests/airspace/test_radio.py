@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -95,14 +97,14 @@ def test_the_tables_end_somewhere(altitude):
 def test_shadowing_has_its_deviation_and_correlates_by_the_way_of_both_ends():
     random = np.random.default_rng(1)
     here = random.uniform(0, 20_000, (400, 2))
-    first, moved, both = [], [], []
+    drawn: list[list[Any]] = [[], [], []]
     for seed in range(40):
         field = radio.Shadowing.drawn(seed, 50.0)
         uav, gone = np.array([[500.0, 300.0]]), np.array([[500.0, 325.0]])
-        first.append(field.between(uav, here)[0])
-        moved.append(field.between(uav, here + np.array([50.0, 0.0]))[0])
-        both.append(field.between(gone, here + np.array([15.0, 20.0]))[0])
-    first, moved, both = (np.concatenate(values) for values in (first, moved, both))
+        drawn[0].append(field.between(uav, here)[0])
+        drawn[1].append(field.between(uav, here + np.array([50.0, 0.0]))[0])
+        drawn[2].append(field.between(gone, here + np.array([15.0, 20.0]))[0])
+    first, moved, both = (np.concatenate(values) for values in drawn)
     assert first.mean() == pytest.approx(0.0, abs=0.05)
     assert first.std() == pytest.approx(1.0, rel=0.05)
     # 50 m by one end, or 25 m by each: one correlation distance
@@ -188,8 +190,11 @@ def test_the_laws_are_the_same_in_jax():
         lambda xp: radio.air_to_ground_loss(xp.asarray(across), 100.0, 2 * GHZ, radio.ENVIRONMENTS["urban"]),
         lambda xp: radio.tr36777_loss(xp.asarray(across), 80.0, 2 * GHZ, "UMa-AV"),
         lambda xp: radio.tr36777_loss(xp.asarray(across), 80.0, 2 * GHZ, "UMi-AV"),
-        lambda xp: radio.sinr(*map(xp.asarray, (-60.0 - across / 50, owner, channel, sending)), -97.0),
+        lambda xp: radio.sinr(
+            xp.asarray(-60.0 - across / 50), xp.asarray(owner), xp.asarray(channel), xp.asarray(sending), -97.0
+        ),
         lambda xp: radio.link_capacity(xp.asarray(across), 20.0, 5 * GHZ, 20e6, -94.0, 8.0),
         lambda xp: AIR.efficiency(*map(xp.asarray, (across[:, :2], across.T[:, :2], owner, channel))),
     ):
-        np.testing.assert_allclose(*both(law), rtol=1e-3)
+        compiled, plain = both(law)
+        np.testing.assert_allclose(compiled, plain, rtol=1e-3)

@@ -22,9 +22,9 @@ def sights(state):
     uavs, vehicles = np.asarray(state.uavs) * SIDE, np.asarray(state.traffic.position) * SIDE
     served_by = np.asarray(state.served_by)
     for row in range(len(uavs)):
-        team = tuple(map(tuple, np.delete(uavs, row, axis=0)))
-        own = tuple(map(tuple, vehicles[served_by == row]))
-        yield Sight(LAW, 1, tuple(uavs[row]), team, (0.0,) * len(team), own, 90.0, f"u{row}")
+        team = tuple(map(tuple, np.delete(uavs, row, axis=0).tolist()))
+        own = tuple(map(tuple, vehicles[served_by == row].tolist()))
+        yield Sight(LAW, 1, tuple(uavs[row].tolist()), team, (0.0,) * len(team), own, 90.0, f"u{row}")
 
 
 @pytest.mark.parametrize("name", ["cover", "centroid"])

@@ -168,7 +168,7 @@ class World:
         self.chain.send(calls, self.time)
 
 
-def write_run(folder: Path, build: Callable[[World], None] | None = None, **sizes: int) -> World:
+def write_run(folder: Path, build: Callable[[World], None] | None = None, **sizes: Any) -> World:
     """A run folder as `skyrelay run` leaves it, as far as the audit reads it."""
     with EmbeddedChain(folder / "chain") as chain:
         world = World(chain, **sizes)

@@ -15,7 +15,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import rlp
 from chain_rounds import World
@@ -66,7 +66,7 @@ def read(consensus: str) -> dict[str, Any]:
     return json.loads(gzip.decompress((FOLDER / f"{consensus}.json.gz").read_bytes()))
 
 
-def ibft(consensus: str, addresses: Sequence[str], chain_id: int, period: int) -> dict[str, Any]:
+def ibft(consensus: Literal["qbft", "clique"], addresses: Sequence[str], chain_id: int, period: int) -> dict[str, Any]:
     """GoQuorum's genesis for IBFT, of that for QBFT."""
     genesis = qbft(consensus, addresses, chain_id, period)
     del genesis["config"]["qbft"]

@@ -8,7 +8,7 @@ from skyrelay.cli.main import main
 
 @dataclass
 class Ended:
-    status: int
+    status: int | str | None
     out: str
     err: str
 

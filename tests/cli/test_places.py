@@ -6,6 +6,7 @@ import sys
 
 import pytest
 from PIL import Image
+from PIL.GifImagePlugin import GifImageFile
 
 from skyrelay.cli.entry import CACHE_BYTES, keep_programs
 
@@ -65,6 +66,7 @@ def test_the_next_command_finds_what_this_one_compiled(tmp_path):
     kept = {path.name for path in (tmp_path / "kept").iterdir() if path.name.endswith("-cache")}
     assert kept
     with Image.open(tmp_path / "flight.gif") as animation:
+        assert isinstance(animation, GifImageFile)
         assert animation.n_frames > 50
         assert animation.size == (480, 480)
     subprocess.run(command[:-2], env=environment, check=True, capture_output=True)

@@ -372,11 +372,11 @@ class SideBySide(RuleBasedStateMachine):
             assert (info.zone, info.bandwidth) == (uav.zone, uav.bandwidth)
             assert info.available == uav.bandwidth - uav.committed() >= 0
         for zone, round_ in self.reference.rounds.items():
-            info = self.client.zone_info(zone)
+            about = self.client.zone_info(zone)
             members = [uav for uav in self.reference.uavs if uav.zone == zone]
             held = [sum(e.status is ProposalStatus.SELECTED for e in uav.entries) for uav in members]
-            assert (info.round, info.allocating, info.uavs) == (round_, False, len(members))
-            assert (info.selected_vehicles, info.selected_uavs) == (sum(held), sum(h > 0 for h in held))
+            assert (about.round, about.allocating, about.uavs) == (round_, False, len(members))
+            assert (about.selected_vehicles, about.selected_uavs) == (sum(held), sum(h > 0 for h in held))
 
 
 SideBySide.TestCase.settings = settings(

@@ -74,8 +74,8 @@ def test_jax_and_numpy_agree_on_batches():
     ):
         np.testing.assert_allclose(function(*map(jnp.asarray, arguments)), function(*arguments), rtol=1e-5)
     graph = flight.links(uavs, reach, active)
-    for function in (flight.connectivity, flight.connectivity_neighbor):
-        batch = function(graph, active)
-        np.testing.assert_array_equal(function(jnp.asarray(graph), jnp.asarray(active)), batch)
-        np.testing.assert_array_equal([function(graph[i], active[i]) for i in range(50)], batch)
+    for measure in (flight.connectivity, flight.connectivity_neighbor):
+        batch = measure(graph, active)
+        np.testing.assert_array_equal(measure(jnp.asarray(graph), jnp.asarray(active)), batch)
+        np.testing.assert_array_equal([measure(graph[i], active[i]) for i in range(50)], batch)
         assert 0 < batch.sum() < 50

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -30,7 +31,8 @@ def states(shape: Shape, domain: Domain, steps: int = STEPS) -> game.State:
         return jax.tree.map(lambda first, later: jnp.concatenate([first[None], later]), new, rest)
 
     played = whole(jax.random.key(0))
-    return jax.tree.map(np.asarray, replace(played, key=jax.random.key_data(played.key)))
+    keyless = eqx.tree_at(lambda state: state.key, played, jax.random.key_data(played.key))  # NumPy has no keys
+    return jax.tree.map(np.asarray, keyless)
 
 
 @pytest.fixture(scope="module")

@@ -35,7 +35,7 @@ def test_a_game_and_a_run_have_the_same(model):
     some = 0
     for state, got, out in zip(states, carried, delivered, strict=True):
         uavs, ground = SIDE * np.asarray(state.uavs, float), SIDE * np.asarray(state.traffic.position, float)
-        owner, aloft, reach = np.asarray(state.served_by), np.asarray(state.flying), float(state.parameters.reach)
+        owner, aloft, reach = np.asarray(state.served_by, int), np.asarray(state.flying), float(state.parameters.reach)
         run = Network(SIDE * reach, law, GATEWAYS)
         covered = flight.served(uavs / SIDE, ground / SIDE, owner, reach)
         expected = run.carried(demand, owner, covered, ground, uavs, aloft, available)

@@ -130,9 +130,8 @@ def test_the_outlook_equals_the_plain_loops_in_the_game_and_in_flight(n, vehicle
         )
         np.testing.assert_allclose(flown, np.asarray(normalise(maps[:4], 2, names)), rtol=1e-6)
         others, own = np.delete(uavs[:4], 1, axis=0), places[owner == 1]
-        alone = flying.observe(
-            *(x * side + corner for x in (uavs[1], others, own)), corner, side, side / 3, **in_metres
-        )
+        me, mates, mine = (x * side + corner for x in (uavs[1], others, own))
+        alone = flying.observe(me, mates, mine, corner, side, side / 3, **in_metres)
         np.testing.assert_allclose(alone, flown[1], rtol=1e-6)
         shown = np.asarray(safe_of(jnp.asarray(flown), names))
         np.testing.assert_array_equal(shown, safe_moves(uavs[:4], active[:4], np.float32(1 / 3), np.float32(step)).T)

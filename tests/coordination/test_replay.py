@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -47,7 +48,7 @@ def test_a_vehicle_that_leaves_the_square_counts_no_more():
     present = np.asarray(traces.present)
     gone = present[:, 0] & ~present[:, -1]
     assert gone.any()
-    stay = np.zeros((8, SHAPE.uavs), np.int32)
+    stay = jnp.zeros((8, SHAPE.uavs), jnp.int32)
     for _ in range(SHAPE.steps):
         games, transition = jax.vmap(game.step)(games, stay, traces)
     served_by = np.asarray(games.served_by)

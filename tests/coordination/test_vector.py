@@ -45,6 +45,7 @@ def test_episodes_follow_each_other_and_a_seed_gives_the_same(envs):
 @pytest.mark.parametrize(
     "actions", [np.full(6, 9), np.full(6, -1), np.full(6, 1.0), np.zeros(5, int), np.zeros((3, 2), int)]
 )
+@pytest.mark.usefixtures("unchecked")
 def test_actions_that_are_none_are_refused(envs, actions):
     before = envs.reset(seed=1)[0]
     with pytest.raises(UsageError, match="of 0 to 8"):

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -6,7 +8,7 @@ from skyrelay.core.errors import SelectionError
 
 
 def vehicles(**changes):
-    columns = {
+    columns: dict[str, Any] = {
         "ids": ("a", "b"),
         "x": np.array([0.0, 1.0]),
         "y": np.array([0.0, 1.0]),

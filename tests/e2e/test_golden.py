@@ -8,6 +8,7 @@ import pytest
 
 PLACE = Path(__file__).parents[1] / "golden" / "digests.py"
 _spec = importlib.util.spec_from_file_location("digests", PLACE)
+assert _spec is not None
 digests = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(digests)
 

@@ -130,13 +130,15 @@ def test_the_chain_selects_what_the_reference_selects(tmp_path, rounds, play):
     fleet, members, proposals = (table(folder, name) for name in ("fleet", "members", "proposals"))
     uavs = UavTable(
         tuple(fleet.uav),
-        *(fleet[name].to_numpy() for name in ("x", "y")),
+        fleet.x.to_numpy(),
+        fleet.y.to_numpy(),
         fleet.zone.to_numpy().astype(np.int64),
         *(fleet[name].to_numpy().astype(float) for name in ("bandwidth_kbps", "battery", "reputation")),
     )
     vehicles = VehicleTable(
         tuple(members.vehicle),
-        *(members[name].to_numpy() for name in ("x", "y")),
+        members.x.to_numpy(),
+        members.y.to_numpy(),
         members.zone.to_numpy().astype(np.int64),
         *(members[name].to_numpy().astype(float) for name in ("demand_kbps", "payment", "reputation")),
     )

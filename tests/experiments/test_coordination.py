@@ -1,4 +1,5 @@
 import json
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -149,7 +150,7 @@ def test_tasks_are_whole_and_say_so_in_json(scale):
 
 @pytest.mark.parametrize("method", [OURS, CENTRALIZED])
 def test_a_training_repeats_and_its_episodes_pair_with_a_baselines(method):
-    settings = {
+    settings: dict[str, Any] = {
         "preset": "fast",
         "uavs": 2,
         "vehicles": 3,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from typing import Any
 
 import pyarrow as pa
 import pytest
@@ -60,7 +61,7 @@ def test_differences_are_taken_episode_by_episode(tmp_path):
 
 
 def test_a_policy_and_a_rule_fly_the_same_games():
-    games = {
+    games: dict[str, Any] = {
         "group": "drop-outs",
         "uavs": 2,
         "vehicles": 5,

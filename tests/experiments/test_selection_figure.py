@@ -2,6 +2,7 @@
 
 import csv
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -59,7 +60,7 @@ def test_reproducing_writes_every_file_and_the_page(tmp_path, small):
         for row in summary
         if (row["candidates"], row["uavs"], row["method"], row["metric"]) == ("zone", "40", "nnm", "mean_qou")
     )
-    values = []
+    values: list[Any] = []
     for seed in (1, 2):
         scenario = load_scenario("paper", ["selection.candidates=zone"])
         tables = draw_instance(200, 40, seed, scenario)

@@ -154,11 +154,11 @@ def test_in_ranges_the_same_at_every_scale(number):
         view = egocentric.egocentric(normalise(told, 3, names), names)[0]
         side = egocentric.side(n, names)
         first = 2 * n + egocentric.moved(names).index(number) * side**2
-        view = np.asarray(view[first : first + side**2]).reshape(side, side)
+        square = np.asarray(view[first : first + side**2]).reshape(side, side)
         marks = egocentric.marks()[0].ravel()
-        seen.append((view.sum(0) @ marks / view.sum(), view.sum(1) @ marks / view.sum()))
+        seen.append((square.sum(0) @ marks / square.sum(), square.sum(1) @ marks / square.sum()))
     # What a cell is, in ranges, is how well a place can be told.
-    np.testing.assert_allclose(*seen, atol=2 / (3 * n))
+    np.testing.assert_allclose(seen[0], seen[1], atol=2 / (3 * n))
     assert seen[0] == pytest.approx((0.4, 0.8) if number == GLOBAL_TEAM else (0.8, -0.4), abs=1 / (3 * n))
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import stats
@@ -23,7 +24,7 @@ def test_compiled_and_stepped_play_agree(tiny):
     key = jax.random.key(2)
     compiled = greedy_episodes(actor, key, 6, tiny.shape, tiny.domain)
     games = starts(key, 6, tiny.shape, tiny.domain)
-    stepped = episodes_of(lambda maps: np.asarray(actor(maps)).argmax(-1), games)
+    stepped = episodes_of(lambda maps: np.asarray(actor(jnp.asarray(maps))).argmax(-1), games)
     np.testing.assert_allclose(compiled, stepped, rtol=1e-5)
     measures = summary(compiled)
     assert set(measures) == {"return", "coverage", "connectivity", "connectivity_neighbor"}

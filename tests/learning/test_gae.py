@@ -31,7 +31,8 @@ def test_against_a_plain_loop(gamma, decay):
     random = np.random.default_rng(1)
     rewards, values, next_values = (random.normal(size=(12, 5)) for _ in range(3))
     truncated = random.random((12, 5)) < 0.2
-    result = advantages(*map(jnp.asarray, (rewards, values, next_values, truncated)), gamma, decay)
+    reward, value, following, cut = map(jnp.asarray, (rewards, values, next_values, truncated))
+    result = advantages(reward, value, following, cut, gamma, decay)
     np.testing.assert_allclose(
         result, plain(rewards, values, next_values, truncated, gamma, decay), rtol=1e-4, atol=1e-5
     )

@@ -91,8 +91,8 @@ def test_onnx_agrees_with_the_network(architecture):
     assert content == export(network, about)
     policy = Policy.load(content)
     shape = (64, len(architecture.maps), architecture.n, architecture.n)
-    maps = np.asarray(jax.random.uniform(jax.random.key(5), shape))
-    expected = np.asarray(network(maps))
+    drawn = jax.random.uniform(jax.random.key(5), shape)
+    maps, expected = np.asarray(drawn), np.asarray(network(drawn))
     np.testing.assert_allclose(policy.logits(maps), expected, rtol=1e-3, atol=1e-4)
     top = np.sort(expected, axis=1)
     clear = top[:, -1] - top[:, -2] > 1e-3
@@ -108,14 +108,15 @@ def test_a_guarded_network_takes_safe_moves_only():
     maps = np.array(jax.random.uniform(jax.random.key(2), (200, len(names), FAST.n, FAST.n)))
     maps[:, -2] = maps[:, -2] > 0.8
     safe = np.asarray(safe_of(jnp.asarray(maps), names)).astype(bool)
-    logits = np.asarray(network(maps))
-    some = safe.any(axis=1)
+    logits = np.asarray(network(jnp.asarray(maps)))
+    some = np.asarray(safe.any(axis=1))
     assert 100 < some.sum() < 200
     assert safe[some, logits[some].argmax(axis=1)].all()
     assert (np.asarray(jax.nn.softmax(logits))[~safe & some[:, None]] == 0).all()
     free = networks.Network(jax.random.key(1), network.architecture, 9, 1.0)
     free = eqx.tree_at(lambda net: net.layers, free, network.layers)
-    np.testing.assert_array_equal(logits[~some].argmax(axis=1), np.asarray(free(maps))[~some].argmax(axis=1))
+    unguarded = np.asarray(free(jnp.asarray(maps)))
+    np.testing.assert_array_equal(logits[~some].argmax(axis=1), unguarded[~some].argmax(axis=1))
     assert not networks.critic(jax.random.key(1), replace(FAST, maps=names)).guarded
 
 

@@ -46,7 +46,7 @@ def test_networks_of_ones_own_fly(tmp_path):
     config = with_network(SMALL, "mine:narrow", lambda network: dataclasses.replace(network, hidden=(16,)))
     trained = train(config, tmp_path / "narrow", evaluation_episodes=4)
     assert trained.actor.architecture.hidden == (16,)
-    assert Policy.load(trained.policy).card.n == 9
+    assert Policy.load(str(trained.policy)).card.n == 9
 
 
 @pytest.mark.parametrize(

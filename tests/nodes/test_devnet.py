@@ -4,6 +4,7 @@ import json
 import socket
 import urllib.request
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,7 +18,7 @@ from skyrelay.core.errors import ChainError, UsageError
 pytestmark = pytest.mark.nodes
 
 
-def ask(url: str, method: str, *parameters: object) -> object:
+def ask(url: str, method: str, *parameters: object) -> Any:
     body = json.dumps({"jsonrpc": "2.0", "id": 1, "method": method, "params": parameters}).encode()
     request = urllib.request.Request(url, body, {"Content-Type": "application/json"})  # noqa: S310
     with urllib.request.urlopen(request, timeout=10) as answer:  # noqa: S310
@@ -25,7 +26,7 @@ def ask(url: str, method: str, *parameters: object) -> object:
 
 
 def block_hash(url: str, number: int) -> str:
-    return ask(url, "eth_getBlockByNumber", hex(number), False)["hash"]
+    return str(ask(url, "eth_getBlockByNumber", hex(number), False)["hash"])
 
 
 def listening_addresses() -> dict[int, set[str]]:
@@ -97,12 +98,13 @@ def test_secrets_are_for_the_owner_alone_and_in_no_other_file(tmp_path, consensu
 
 
 def test_what_does_not_fit_is_refused_and_leaves_nothing(tmp_path):
-    for wrong, told in (
+    cases: list[tuple[dict[str, Any], str]] = [
         ({"validators": 0}, "validators: is 0; expected 1 to 32"),
         ({"period": 0}, "period: is 0; expected 1 to 60 s"),
         ({"chain_id": 0}, "chain id: is 0; expected"),
         ({"rpc_port": 80}, "RPC port: is 80; expected 1024 to"),
-    ):
+    ]
+    for wrong, told in cases:
         with pytest.raises(UsageError, match=told):
             Devnet.create(tmp_path / "net", **wrong)
     (tmp_path / "full").mkdir()

@@ -153,7 +153,7 @@ def test_a_uav_that_knows_only_the_cid_from_the_chain_flies_the_published_policy
         host.tick(Tick(Phase.BEACON))
     assert agent.state is UavState.FLYING
     flown = agent.policy
-    assert flown is not None
+    assert isinstance(flown, Policy)
     assert flown.content == policy.content
     maps = np.zeros((1, len(flown.card.maps), flown.n, flown.n), np.float32)
     assert flown.decide(maps).shape == (1,)

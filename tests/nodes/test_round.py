@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
@@ -97,7 +98,7 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
 
 
 @contextmanager
-def running(directory: Path, consensus: str, validators: int = 4) -> Iterator[Devnet]:
+def running(directory: Path, consensus: Literal["qbft", "clique"], validators: int = 4) -> Iterator[Devnet]:
     with Devnet.create(directory, consensus=consensus, validators=validators) as network:
         yield network
 

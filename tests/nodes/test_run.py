@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -26,7 +27,7 @@ pytestmark = [pytest.mark.nodes, pytest.mark.xdist_group("run")]
 SMALL = ["mobility.penetration=0.03", "fleet.uavs=8", "coordination.steps=12", "coordination.period_steps=6"]
 
 
-def skyrelay(*arguments: str) -> tuple[int, dict]:
+def skyrelay(*arguments: str) -> tuple[int, dict[str, Any]]:
     """Exit status and JSON of a command."""
     done = CliRunner().invoke(app, [*arguments, "--json"], standalone_mode=False)
     if done.exception is not None:
@@ -34,16 +35,16 @@ def skyrelay(*arguments: str) -> tuple[int, dict]:
     return done.return_value or 0, json.loads(done.stdout)
 
 
-def play(folder: Path, *more: str) -> dict:
+def play(folder: Path, *more: str) -> dict[str, Any]:
     overrides = [part for setting in SMALL for part in ("--set", setting)]
     return skyrelay("run", "bologna", "--out", str(folder), *overrides, *more)[1]
 
 
 @contextmanager
-def devnet(folder: Path) -> Iterator[dict]:
+def devnet(folder: Path) -> Iterator[dict[str, Any]]:
     """The command in a process of its own: what it tells when blocks are made. Ending it ends the validators."""
     ports = ["--rpc-port", str(free_ports(12))]
-    command = [Path(sys.executable).parent / "skyrelay", "chain", "devnet", "--dir", folder, "--json", *ports]
+    command = [str(Path(sys.executable).parent / "skyrelay"), "chain", "devnet", "--dir", str(folder), "--json", *ports]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             yield json.loads(process.stdout.readline())

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -18,7 +19,7 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "train_with_benchmarl.py"
 def task():
     from skyrelay.coordination.benchmarl import UavCoordinationTask
 
-    return UavCoordinationTask.PAPER.get_task({"uavs": 2, "vehicles": 4, "n": 5, "steps": 8})
+    return UavCoordinationTask.PAPER.get_task({"uavs": 2, "vehicles": 4, "n": 5, "steps": 8})  # type: ignore[attr-defined]
 
 
 def make(task, seed):
@@ -90,6 +91,6 @@ def test_the_peers_network_sees_what_ours_sees(monkeypatch):
     monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks" / "peers")
     theirs = importlib.import_module("egocentric_mlp")
     maps = np.random.default_rng(0).random((2, 3, 6, 5, 5)).astype(np.float32)
-    ours = egocentric.egocentric(maps.reshape(6, 6, 5, 5), PAPER_MAPS)
+    ours = egocentric.egocentric(jnp.asarray(maps.reshape(6, 6, 5, 5)), PAPER_MAPS)
     seen = theirs.egocentric(torch.from_numpy(maps)).numpy().reshape(6, -1)
     np.testing.assert_allclose(seen, ours, rtol=1e-5, atol=1e-5)

@@ -41,6 +41,8 @@ class GpsdServer(socketserver.ThreadingTCPServer):
 
 
 class _GpsdHandler(socketserver.StreamRequestHandler):
+    server: GpsdServer
+
     def handle(self):
         self.wfile.write(self.server.greeting)
         if self.rfile.readline().startswith(b"?WATCH={"):

@@ -4,6 +4,7 @@ import contextlib
 import os
 import signal
 import socket
+from typing import Any
 
 import pytest
 
@@ -43,7 +44,9 @@ class Network:
 
 def test_a_validator_that_sees_no_block_yet_does_not_keep_the_others_from_being_started_again():
     """With the first alone there is no quorum."""
-    network, dead, said = Network(runs=True), [], []
+    network: Any = Network(runs=True)
+    dead: list[int] = []
+    said: list[str] = []
     with pytest.raises(ChainError):
         _revive(network, dead, said.append)
     _revive(network, dead, said.append)
@@ -52,7 +55,9 @@ def test_a_validator_that_sees_no_block_yet_does_not_keep_the_others_from_being_
 
 
 def test_a_validator_whose_port_is_still_taken_is_tried_until_it_is_free():
-    network, dead, said = Network(runs=False), [], []
+    network: Any = Network(runs=False)
+    dead: list[int] = []
+    said: list[str] = []
     network.fails = 7
     for _ in range(7):
         with pytest.raises(ChainError):

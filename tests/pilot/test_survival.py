@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
@@ -94,5 +95,6 @@ def test_what_is_wrong_with_a_host_is_one_clear_line(tmp_path):
 
 
 def test_a_world_that_stops_ends_its_hosts_with_one_line():
+    none: Any = None
     with Bus("lonely") as bus, pytest.raises(BusError, match=r"world: is 'silent for 0.2 s'; expected a world that"):
-        serve(None, bus, "0x0", "uavs", None, patience=0.2, receivers=None)
+        serve(none, bus, "0x0", "uavs", none, patience=0.2, receivers=none)

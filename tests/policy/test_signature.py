@@ -75,7 +75,7 @@ def test_a_policy_expires_and_is_not_valid_beforehand(keys, signed):
 
 
 def entry_of(content):
-    return json.loads(signature.split(content, "")[1])
+    return json.loads(signature.split(content, "")[1] or b"")
 
 
 def with_entry(entry):

@@ -1,6 +1,7 @@
 """Reports of who was heard are signed, count for one contract, and their hash stands on the chain."""
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
@@ -21,7 +22,7 @@ def reports(period=3):
             one,
             period,
             {other: (12.34, 20) for other in NAMES if other != one},
-            lambda message, one=one: RING.vouch(one, message),
+            partial(RING.vouch, one),
         )
         for one in NAMES
     ]

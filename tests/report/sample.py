@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -88,13 +89,13 @@ def write_run_folder(
             for order, (name, uav, qou, accepted) in enumerate(proposals):
                 row = (period, 1, zones[name], name, fleet[uav], qou, 5_000_000, 9_000, demand[name], accepted, order)
                 proposal_rows.append(row)
-                event = {"vehicle": address[name], "uav": address[fleet[uav]], "zone": zones[name], "qov": 2**70}
-                event_rows.append((block, order, order, step, "VehSelectionSubmitted", json.dumps(event)))
+                about = {"vehicle": address[name], "uav": address[fleet[uav]], "zone": zones[name], "qov": 2**70}
+                event_rows.append((block, order, order, step, "VehSelectionSubmitted", json.dumps(about)))
             block += 1
             for uav in sorted(set(owner.values())):
                 chosen = [address[name] for name, served in owner.items() if served == uav]
-                event = {"uav": address[fleet[uav]], "zone": int(zone[uav]), "selected": chosen}
-                event_rows.append((block, uav, uav, step, "UAVAllocated", json.dumps(event)))
+                told = {"uav": address[fleet[uav]], "zone": int(zone[uav]), "selected": chosen}
+                event_rows.append((block, uav, uav, step, "UAVAllocated", json.dumps(told)))
         if step == steps // 2:
             zone[0] = 0
         owner = {name: uav for name, uav in owner.items() if name in here}
@@ -126,21 +127,21 @@ def write_run_folder(
         neighbor = {one: _neighbors(position[selected & (zone == one)], reach) for one in teams}
         static_linked = {one: _linked(hovering[static_selected & (hovering_zone == one)], reach) for one in teams}
         for one in [*teams, 0]:
-            mine = [name for name, uav in owner.items() if one in (0, int(hovering_zone[uav]))]
-            static_mine = [name for name, uav in static_owner.items() if one in (0, int(hovering_zone[uav]))]
-            inside = sum(covered[name] for name in mine)
-            static_inside = sum(static_covered[name] for name in static_mine)
+            ours = [name for name, uav in owner.items() if one in (0, int(hovering_zone[uav]))]
+            static_ours = [name for name, uav in static_owner.items() if one in (0, int(hovering_zone[uav]))]
+            inside = sum(covered[name] for name in ours)
+            static_inside = sum(static_covered[name] for name in static_ours)
             links = [
                 values[one] if one else float(np.mean(list(values.values())))
                 for values in (linked, neighbor, static_linked)
             ]
-            served_mbps = sum(demand[name] for name in mine if covered[name]) / 1000
-            static_mbps = sum(demand[name] for name in static_mine if static_covered[name]) / 1000
+            served_mbps = sum(demand[name] for name in ours if covered[name]) / 1000
+            static_mbps = sum(demand[name] for name in static_ours if static_covered[name]) / 1000
             asked = sum(demand[name] for name in here if one in (0, zones[name])) / 1000
             metric_rows.append((
-                step, step * 2.0, one, sum(one in (0, zones[name]) for name in here), len(mine), inside,
-                inside / len(mine) if mine else 1.0, links[0], links[1], served_mbps, float(battery.mean()),
-                len(static_mine), static_inside, static_inside / len(static_mine) if static_mine else 1.0, links[2],
+                step, step * 2.0, one, sum(one in (0, zones[name]) for name in here), len(ours), inside,
+                inside / len(ours) if ours else 1.0, links[0], links[1], served_mbps, float(battery.mean()),
+                len(static_ours), static_inside, static_inside / len(static_ours) if static_ours else 1.0, links[2],
                 static_mbps, asked, served_mbps, served_mbps, static_mbps, static_mbps,
             ))  # fmt: skip
 
@@ -221,11 +222,11 @@ def _neighbors(points: npt.NDArray[np.float64], reach: float) -> float:
     return float(len(points) < 2 or bool((np.sum(apart <= reach, axis=1) > 1).all()))
 
 
-def _columns(names: str, rows: list[tuple]) -> dict[str, npt.NDArray]:
+def _columns(names: str, rows: list[tuple[Any, ...]]) -> dict[str, npt.NDArray[Any]]:
     return {name: np.array([row[i] for row in rows]) for i, name in enumerate(names.split())}
 
 
-def _write(path: Path, rows: list[tuple], columns: str) -> None:
+def _write(path: Path, rows: list[tuple[Any, ...]], columns: str) -> None:
     pq.write_table(
         pa.table({name: list(column) for name, column in zip(columns.split(), zip(*rows, strict=True), strict=True)}),
         path,

@@ -74,7 +74,7 @@ def folder(request, tmp_path_factory):
 def test_a_run_is_below_its_bounds_and_each_bound_below_the_one_before(folder):
     levels = bound(folder)
     assert [level.level for level in levels] == list(LEVELS)
-    assert all(0.0 < level.share <= 1.0 for level in levels)
+    assert all(0.0 < (level.share or 0.0) <= 1.0 for level in levels)
     free, periods, zones = levels
     assert free.mbps >= periods.mbps - 1e-9 >= zones.mbps - 2e-9
     assert free.mbps <= min(free.capacity, free.demand) + 1e-9
@@ -105,4 +105,4 @@ def test_a_radio_that_is_no_disc_carries_beyond_the_range_and_the_bound_holds_th
     play(load_scenario("bologna", keys, 3), tmp_path, Silent())
     run = read_run(tmp_path)
     assert run.vehicles["carried_kbps"][~run.vehicles["covered"]].any()
-    assert all(0.0 < level.share <= 1.0 for level in bound(tmp_path))
+    assert all(0.0 < (level.share or 0.0) <= 1.0 for level in bound(tmp_path))

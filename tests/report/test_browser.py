@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 
@@ -14,6 +15,7 @@ from selenium import webdriver
 from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.expected_conditions import url_contains
 from selenium.webdriver.support.ui import Select, WebDriverWait
 
 from skyrelay.airspace.observation import Scene, six_maps
@@ -58,8 +60,12 @@ def picture(browser: webdriver.Chrome) -> str:
     return str(browser.execute_async_script(script))
 
 
+def _changed(before: str, browser: webdriver.Chrome) -> bool:
+    return picture(browser) != before
+
+
 def at(browser: webdriver.Chrome) -> int:
-    return int(browser.find_element(By.ID, "scrub").get_property("value"))
+    return int(str(browser.find_element(By.ID, "scrub").get_property("value")))
 
 
 def wait(browser: webdriver.Chrome, condition: Callable[[webdriver.Chrome], object]) -> None:
@@ -171,7 +177,7 @@ def test_modes_zones_layers_and_themes_change_the_map(opened: webdriver.Chrome) 
     ):
         before = picture(opened)
         change()
-        wait(opened, lambda d, before=before: picture(d) != before)
+        wait(opened, partial(_changed, before))
 
 
 def test_events_are_filtered_by_kind_and_member(opened: webdriver.Chrome) -> None:
@@ -458,7 +464,7 @@ def test_the_address_keeps_what_was_chosen(opened: webdriver.Chrome, page: Path)
     opened.find_element(By.ID, "find").send_keys("uav_03", Keys.ENTER)
     Select(opened.find_element(By.ID, "event-name")).select_by_value("UAVAllocated")
     for part in ("step=5", "mode=static", "layers=labels", "pick=uav%3Auav_03", "kind=UAVAllocated"):
-        wait(opened, lambda d, part=part: part in d.current_url)
+        wait(opened, url_contains(part))
     link = opened.current_url
     opened.get("about:blank")
     opened.get(link)

@@ -20,9 +20,9 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from skyrelay.cli.live import command
 from skyrelay.core.errors import UsageError
 from skyrelay.report.live import PROTOCOL, WAITING, ControlRoom
-from skyrelay.report.replay import Feed, header, records, replay
+from skyrelay.report.replay import header, records, replay
 from skyrelay.runfolder import Run, read_run
-from skyrelay.runfolder.feed import Header, Record, read_header, read_record
+from skyrelay.runfolder.feed import Feed, Header, Record, read_header, read_record
 
 TOKEN = "a-token-of-this-test"  # noqa: S105
 
@@ -49,7 +49,7 @@ def served(room: ControlRoom, feed: Feed, act: Callable[[int], Awaitable[None]])
     asyncio.run(all_of_it())
 
 
-def page(port: int, *, query: str = "", protocols: tuple[str, ...] = (PROTOCOL,), **options: Any) -> connect:
+def page(port: int, *, query: str = "", protocols: Any = (PROTOCOL,), **options: Any) -> connect:
     return connect(f"ws://127.0.0.1:{port}/feed{query}", subprotocols=protocols, max_size=None, **options)
 
 
@@ -68,8 +68,8 @@ def test_a_recorded_run_is_told_row_for_row(run: Run, recorded: Path) -> None:
         wanted = ("step", "vehicle", "x", "y", "uav", "covered")
         assert vehicles == [tuple(row[name] for name in wanted) for row in rows(recorded, "vehicles")]
         uavs = [(record.step, *row[:6]) for record in told for row in record.uavs]
-        wanted = ("step", "uav", "x", "y", "zone", "battery", "selected")
-        assert uavs == [tuple(row[name] for name in wanted) for row in rows(recorded, "uavs")]
+        of_uavs = ("step", "uav", "x", "y", "zone", "battery", "selected")
+        assert uavs == [tuple(row[name] for name in of_uavs) for row in rows(recorded, "uavs")]
         assert sum(len(record.events) for record in told) == len(run.events["block"])
         assert [alert.about for alert in told[15].alerts if "landed" in alert.text] == ["uav_00"]
 

@@ -6,6 +6,7 @@ import asyncio
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from selenium import webdriver
@@ -13,8 +14,9 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
 from skyrelay.report.live import ControlRoom
-from skyrelay.report.replay import Feed, header, records
+from skyrelay.report.replay import header, records
 from skyrelay.runfolder import Run, read_run
+from skyrelay.runfolder.feed import Feed
 
 pytestmark = pytest.mark.browser
 
@@ -66,7 +68,7 @@ def start(recorded: Path) -> Iterator[Callable[..., Server]]:
     run = read_run(recorded)
     servers: list[Server] = []
 
-    def one(**options: object) -> Server:
+    def one(**options: Any) -> Server:
         servers.append(Server(run, **options))
         return servers[-1]
 

@@ -232,7 +232,11 @@ def test_a_share_of_all_connected_vehicles_is_in_range(recorded: Path) -> None:
 def test_streets_are_carried_from_the_boxs_corner(recorded: Path, tmp_path: Path) -> None:
     run = shutil.copytree(recorded, tmp_path / "run")
     assert not decode(encode(read_run(run)))[1]["street_length"].size  # none were named
-    streets = {"street": [0, 0, 1, 1, 1], "x": [0.0, 50.0, 7.0, 8.0, 9.0], "y": [1.0, 2.0, 3.0, 4.0, 5.0]}
+    streets: dict[str, Any] = {
+        "street": [0, 0, 1, 1, 1],
+        "x": [0.0, 50.0, 7.0, 8.0, 9.0],
+        "y": [1.0, 2.0, 3.0, 4.0, 5.0],
+    }
     table = pa.table(streets).cast(SCHEMAS["streets"])
     pq.write_table(table, run / "streets.parquet")
     header, arrays = decode(encode(read_run(run)))

@@ -1,6 +1,7 @@
 """`skyrelay explain`, on run folders whose tables come from real selections."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -217,7 +218,7 @@ def test_a_vehicle_that_never_was_is_refused_with_a_suggestion(tmp_path):
 
 def test_tables_that_contradict_each_other_are_refused(tmp_path):
     write_run(tmp_path / "run", [drawn(1, vehicles=12, uavs=3)])
-    tables = {name: read_rows(tmp_path / "run", name) for name in TABLES[:-1]}
+    tables: dict[str, Any] = {name: read_rows(tmp_path / "run", name) for name in TABLES[:-1]}
     asked = tables["proposals"][0]
     tables["fleet"] = [row for row in tables["fleet"] if row["uav"] != asked["uav"]]
     with pytest.raises(SelectionError, match=f"proposals: uav: is '{asked['uav']}'; expected a UAV of the fleet"):

@@ -99,7 +99,7 @@ def test_rounding_never_turns_an_order_round(fixed, data):
 
     one, other = draw(), draw()
     low, high = sorted((one, other), key=lambda v: exact(*v))
-    first, second = qov_fixed(fixed, *low, distance), qov_fixed(fixed, *high, distance)
+    first, second = (qov_fixed(fixed, offer[0], offer[1], offer[2], distance) for offer in (low, high))
     assert first <= second
     if exact(*low) == exact(*high):
         assert first == second

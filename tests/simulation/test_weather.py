@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 _spec = importlib.util.spec_from_file_location("weather", Path(__file__).parents[2] / "benchmarks" / "weather.py")
+assert _spec is not None
 weather = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(weather)
 

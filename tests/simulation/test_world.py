@@ -92,7 +92,8 @@ def test_draining_never_goes_below_zero_and_spares_the_landed(tracks):
 
 
 def _grid(tracks):
-    return ZoneGrid.over(*tracks.box, 3, 3)
+    west, south, east, north = tracks.box
+    return ZoneGrid.over(west, south, east, north, 3, 3)
 
 
 def _fleet(scenario, tracks):

@@ -154,7 +154,7 @@ def test_an_honest_answer_is_taken():
 def test_nobody_listens(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as unused:
         url = f"http://127.0.0.1:{unused.getsockname()[1]}"
-    store = FallbackStore([KuboStore(url), LocalStore(tmp_path)], pytest.fail)
+    store = FallbackStore([KuboStore(url), LocalStore(tmp_path)], lambda fault: pytest.fail(str(fault)))
     with pytest.raises(StoreError, match=r"refused by all 2 stores.*Connection refused.*not here"):
         store.get(CID)
     with pytest.raises(StoreError, match=r"kept by 1 of 2 stores.*Connection refused"):
@@ -222,7 +222,7 @@ def test_the_second_store_serves_what_the_first_lacks_and_pin_brings_it_home(tmp
 
 def test_no_store_at_all_is_refused():
     with pytest.raises(UsageError, match="at least one model store"):
-        FallbackStore([], pytest.fail)
+        FallbackStore([], lambda fault: pytest.fail(str(fault)))
 
 
 def test_an_address_without_a_scheme_is_a_folder(tmp_path: Path):

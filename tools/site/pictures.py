@@ -14,15 +14,19 @@ from collections.abc import Mapping
 from enum import Enum
 from itertools import combinations
 from pathlib import Path
+from typing import TypeVar
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch
 from PIL import Image
 
 from skyrelay.airspace.maps import OUTLOOK_MAPS, PAPER_MAPS
 from skyrelay.airspace.observation import Observer, Scene
+from skyrelay.core.progress import Silent
 from skyrelay.core.scenario import load_scenario
 from skyrelay.policy import Policy
 from skyrelay.protocol.sequence import UAV, VEHICLE, ZONE
@@ -31,7 +35,9 @@ from skyrelay.simulation import play
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
 INK, PALE, BLUE = "#1f2937", "#9ca3af", "#2563eb"
-COLOURS = [mpl.colors.to_hex(colour) for colour in plt.get_cmap("tab20").colors]
+State = TypeVar("State", bound=Enum)
+Message = TypeVar("Message", bound=Enum)
+COLOURS = [mpl.colors.to_hex(colour) for colour in mpl.color_sequences["tab20"]]
 
 
 def main() -> None:
@@ -40,8 +46,9 @@ def main() -> None:
     parser.add_argument("--run", type=Path, help="run folder to animate; left out: the default run is played")
     arguments = parser.parse_args()
     mpl.rcParams.update({"font.size": 9, "svg.hashsalt": "skyrelay", "svg.fonttype": "path"})
-    for name, table in (("vehicle", VEHICLE), ("uav", UAV), ("zone", ZONE)):
-        draw_sequence(name, table)
+    draw_sequence("vehicle", VEHICLE)
+    draw_sequence("uav", UAV)
+    draw_sequence("zone", ZONE)
     draw_maps()
     draw_deployment()
     if arguments.run is not None:
@@ -50,11 +57,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         run = Path(folder) / "run"
         with new_run_folder(run) as building:
-            play(load_scenario("bologna"), building)
+            play(load_scenario("bologna"), building, Silent())
         animate(run)
 
 
-def save(figure: plt.Figure, name: str) -> None:
+def save(figure: Figure, name: str) -> None:
     """Into docs/images, the same bytes each time."""
     options = {"metadata": {"Date": None}} if name.endswith(".svg") else {"dpi": 110}
     figure.savefig(IMAGES / name, bbox_inches="tight", facecolor="white", **options)
@@ -62,7 +69,7 @@ def save(figure: plt.Figure, name: str) -> None:
 
 
 def box(
-    axes: plt.Axes, x: float, y: float, text: str, wide: float = 0.9, high: float = 0.34, face: str = "#eef2ff"
+    axes: Axes, x: float, y: float, text: str, wide: float = 0.9, high: float = 0.34, face: str = "#eef2ff"
 ) -> None:
     """A rounded box about a text."""
     shape = FancyBboxPatch(
@@ -72,11 +79,11 @@ def box(
     axes.text(x, y, text, ha="center", va="center", color=INK, fontsize=8.5)
 
 
-def draw_sequence(name: str, table: Mapping[tuple[Enum, Enum], Enum]) -> None:
+def draw_sequence(name: str, table: Mapping[tuple[State, Message], State]) -> None:
     """One of the process sequence's tables: a line down for each state, a row for each message and where it leads."""
     states = list(type(next(iter(table))[0]))
     column = {state: place for place, state in enumerate(states)}
-    rows: dict[tuple[Enum, Enum], list[Enum]] = defaultdict(list)
+    rows: dict[tuple[Message, State], list[State]] = defaultdict(list)
     for (state, message), after in table.items():
         rows[message, after].append(state)
     figure, axes = plt.subplots(figsize=(1.35 * len(states) + 2.6, 0.36 * len(rows) + 0.8))
@@ -139,13 +146,13 @@ def draw_maps() -> None:
     save(figure, "outlook.png")
 
 
-def show_scene(axes: plt.Axes, scene: Scene) -> None:
+def show_scene(axes: Axes, scene: Scene) -> None:
     """The zone from above; the UAV that looks is the first."""
     reach = float(scene.reach)
     for index, (x, y) in enumerate(scene.uavs):
         axes.add_patch(Circle((x, y), reach, color=COLOURS[2 * index], alpha=0.13, lw=0))
         mine = scene.owner == index
-        axes.scatter(*scene.vehicles[mine].T, s=9, color=COLOURS[2 * index])
+        axes.scatter(scene.vehicles[mine, 0], scene.vehicles[mine, 1], s=9, color=COLOURS[2 * index])
         axes.scatter(x, y, marker="^", s=70, color=COLOURS[2 * index], edgecolor=INK, zorder=3)
         for other in scene.uavs[index + 1 :]:
             if np.hypot(*(other - scene.uavs[index])) <= reach:
@@ -196,7 +203,8 @@ def draw_deployment() -> None:
 def animate(folder: Path, wide: int = 720, every: int = 2) -> None:
     """The run from above, one frame for every second step, as an animated WebP."""
     run = read_run(folder)
-    vehicles, uavs, reach = run.vehicles, run.uavs, run.scenario.fleet.range
+    vehicles, uavs = run.vehicles, run.uavs
+    reach = run.summary.range_m
     names = sorted(set(uavs["uav"].tolist()))
     colour = {name: COLOURS[index % 20] for index, name in enumerate(names)} | {"": "#c4c9d1"}
     # Towards the border the trace has little traffic: what 98 % of it drives through is shown.
@@ -219,7 +227,7 @@ def animate(folder: Path, wide: int = 720, every: int = 2) -> None:
         there = vehicles["step"] == step
         paints = [colour[name] for name in vehicles["uav"][there]]
         axes.scatter(vehicles["x"][there], vehicles["y"][there], s=18, c=paints, lw=0)
-        axes.scatter(*at.T, marker="^", s=46, c=painted, edgecolor=INK, lw=0.8, zorder=3)
+        axes.scatter(at[:, 0], at[:, 1], marker="^", s=46, c=painted, edgecolor=INK, lw=0.8, zorder=3)
         buffer = io.BytesIO()
         figure.savefig(buffer, dpi=100)
         plt.close(figure)

@@ -76,7 +76,8 @@ def of_uavs(carried: Any, owner: Any, uavs: int) -> Any:
     if isinstance(carried, np.ndarray) and carried.ndim == 1:
         # A run's thousands of UAVs and vehicles are counted up; the compiled game's few have a mask, which vectorises.
         held = owner >= 0
-        return np.bincount(owner[held], weights=carried[held], minlength=uavs)
+        # Of nobody NumPy counts whole numbers, weights or not.
+        return np.bincount(owner[held], weights=carried[held], minlength=uavs).astype(np.float64, copy=False)
     served_by = owner[..., None, :] == xp.arange(uavs)[:, None]
     return xp.sum(xp.where(served_by, carried[..., None, :], 0.0), axis=-1)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import zlib
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -64,17 +64,17 @@ class FlownPlayer:
                     "charging points: energy.charge_per_minute above 0, energy.places or [[charging]]",
                 )
             player = LINKED  # who goes to a place on the ground, and when, is the UAV's own matter (`RECHARGE`)
-        state = _state(sight, self._key)
+        known = _known(sight, self._key)
         kept = self._games.get(sight.uav)
-        if sight.decisions == 0 or kept is None or kept[0] != state.shape:
+        if sight.decisions == 0 or kept is None or kept[0] != known.shape:
             self._begun[sight.uav] += 1
-            memory = _begin(player, self._own_key(sight.uav), state)
+            memory = _begin(player, self._own_key(sight.uav), known)
         else:
             memory = kept[1]
             if player.period and sight.decisions % player.period == 0:
-                memory = _plan(player, state, memory)
-        action, memory = _act(player, state, memory)
-        self._games[sight.uav] = state.shape, memory
+                memory = _plan(player, known, memory)
+        action, memory = _act(player, known, memory)
+        self._games[sight.uav] = known.shape, memory
         return int(action)
 
     def _own_key(self, uav: str) -> PRNGKeyArray:
@@ -99,23 +99,37 @@ random, centroid, centroid_linked, cover, pso, pso_10, planner, recharge = map(
 )
 
 
-@eqx.filter_jit
-def _begin(player: Player, key: PRNGKeyArray, state: game.State) -> Memory:
-    return player.begin(key, state)[1]
+class Known(NamedTuple):
+    """The game that a UAV knows itself in, before it is compiled: NumPy's arrays, by the names of the state's fields.
+
+    A compiled function takes them faster than JAX makes twenty, one by one.
+    """
+
+    shape: Shape
+    fields: dict[str, Any]
+
+    def state(self) -> game.State:
+        """Inside a compiled function, where the arrays are JAX's."""
+        return game.State(shape=self.shape, **self.fields)
 
 
 @eqx.filter_jit
-def _plan(player: Player, state: game.State, memory: Memory) -> Memory:
-    return player.plan(state, memory)
+def _begin(player: Player, key: PRNGKeyArray, known: Known) -> Memory:
+    return player.begin(key, known.state())[1]
 
 
 @eqx.filter_jit
-def _act(player: Player, state: game.State, memory: Memory) -> tuple[jax.Array, Memory]:
-    actions, memory = player.act(state, memory)
+def _plan(player: Player, known: Known, memory: Memory) -> Memory:
+    return player.plan(known.state(), memory)
+
+
+@eqx.filter_jit
+def _act(player: Player, known: Known, memory: Memory) -> tuple[jax.Array, Memory]:
+    actions, memory = player.act(known.state(), memory)
     return actions[0], memory
 
 
-def _state(sight: Sight, key: PRNGKeyArray) -> game.State:
+def _known(sight: Sight, key: PRNGKeyArray) -> Known:
     """The game that a UAV is in as far as it knows: row 0 is itself; the sizes are powers of two, to compile few."""
     law = sight.law
     corner, side = np.array(law.grid.corner(sight.zone)), law.grid.side
@@ -140,11 +154,9 @@ def _state(sight: Sight, key: PRNGKeyArray) -> game.State:
         charging = Charging(hover, move, gain, _as(point), _as(radius), _as(0.0))
         charge = _as(np.ones(rows))
         charge[0] = max(sight.battery - law.energy.reserve, 0.0) / 100.0
-    # NumPy's arrays: a compiled function takes them faster than JAX makes twenty, one by one.
     zero, places, count = _as(0.0), _as(_filled(vehicles, columns)), len(vehicles)
-    return game.State(
-        shape=Shape(rows, columns, steps=STEPS, energy=charging is not None),
-        parameters=Parameters(
+    fields = {
+        "parameters": Parameters(
             uavs=_as(len(team), np.int32),
             vehicles=_as(count, np.int32),
             reach=_as(reach),
@@ -160,21 +172,22 @@ def _state(sight: Sight, key: PRNGKeyArray) -> game.State:
             drop_out=zero,
             charging=charging,
         ),
-        uavs=_as(_filled(team, rows)),
-        active=_as(np.arange(rows) < len(team), np.bool_),
-        traffic=Traffic(
+        "uavs": _as(_filled(team, rows)),
+        "active": _as(np.arange(rows) < len(team), np.bool_),
+        "traffic": Traffic(
             position=places,
             heading=_as(np.zeros(columns), np.int32),
             target=places,
             stride=_as(np.zeros(columns)),
             halted=_as(np.zeros(columns), np.bool_),
         ),
-        owner=_as(np.zeros(columns), np.int32),
-        present=_as(np.arange(columns) < count, np.bool_),
-        time=_as(sight.decisions, np.int32),
-        key=key,
-        charge=charge,
-    )
+        "owner": _as(np.zeros(columns), np.int32),
+        "present": _as(np.arange(columns) < count, np.bool_),
+        "time": _as(sight.decisions, np.int32),
+        "key": key,
+        "charge": charge,
+    }
+    return Known(Shape(rows, columns, steps=STEPS, energy=charging is not None), fields)
 
 
 def _as(value: Any, kind: Any = np.float32) -> Any:

@@ -96,11 +96,11 @@ class Episodes(NamedTuple):
         """Return, coverage, connectivity, connectivity_neighbor: what `skyrelay.learning.evaluation.summary` takes."""
         return per_episode(self.steps)
 
-    def first(self, holds: Bool[Array, "steps+1 episodes"]) -> Float[Array, " episodes"]:
+    def first(self, holds: Bool[Array, "states episodes"]) -> Float[Array, " episodes"]:
         """The first step at which something holds, 0 for the start; NaN where it never does."""
         return jnp.where(holds.any(0), jnp.argmax(holds, 0), jnp.nan)
 
-    def joined(self, name: str) -> Float[Array, "steps+1 episodes"]:
+    def joined(self, name: str) -> Float[Array, "states episodes"]:
         """One measure of the start and of all steps."""
         return jnp.concatenate([getattr(self.start, name)[None], getattr(self.steps, name)])
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 DEFAULT_GAS = 1_000_000
 """Gas limit of a call that names none: at gas price 0 what is not used costs nothing."""
@@ -91,6 +91,7 @@ class Answer:
     output: bytes
 
 
+@runtime_checkable
 class Chain(Protocol):
     """A chain: the embedded one (`EmbeddedChain`) or a node's (`NodeChain`)."""
 

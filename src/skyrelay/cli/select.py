@@ -124,7 +124,7 @@ def command(
             method,
             settings=settings,
             rounds=_rounds(rounds),
-            objective=objective,  # type: ignore[arg-type]  # `select` checks it and suggests
+            objective=objective,
             time_limit=time_limit,
             seed=seed,
         )

@@ -14,9 +14,9 @@ from itertools import count
 from typing import Any
 
 import numpy as np
-from benchmarl.environments import Task, TaskClass  # type: ignore[import-not-found]
-from torchrl.data import Composite  # type: ignore[import-not-found]
-from torchrl.envs import EnvBase, PettingZooWrapper  # type: ignore[import-not-found]
+from benchmarl.environments import Task, TaskClass
+from torchrl.data import Composite
+from torchrl.envs import EnvBase, PettingZooWrapper
 
 from skyrelay.coordination.pettingzoo import parallel_env
 

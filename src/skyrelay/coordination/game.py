@@ -11,10 +11,11 @@ state (`Parameters`), so that one compiled program plays mixed games.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple, TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, UInt
@@ -44,17 +45,11 @@ class Trace(NamedTuple):
         present: whether each vehicle is there.
     """
 
-    position: Float[Array, "steps+1 vehicles 2"]
-    present: Bool[Array, "steps+1 vehicles"]
+    position: Float[Array, "states vehicles 2"]
+    present: Bool[Array, "states vehicles"]
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["parameters", "uavs", "active", "traffic", "owner", "present", "time", "key", "built", "charge"],
-    meta_fields=["shape"],
-)
-@dataclass(frozen=True)
-class State:
+class State(eqx.Module):
     """One game between two steps, or many with their axes in front.
 
     Attributes:
@@ -71,7 +66,7 @@ class State:
         charge: [N] of each UAV, from 0 to 1; None in games without energy.
     """
 
-    shape: Shape
+    shape: Shape = eqx.field(static=True)
     parameters: Parameters
     uavs: Float[Array, "*games uavs 2"]
     active: Bool[Array, "*games uavs"]
@@ -84,13 +79,13 @@ class State:
     charge: Float[Array, "*games uavs"] | None = None
 
     @property
-    def served_by(self) -> Int[Array, " vehicles"]:
-        """[V] row of each vehicle's UAV; -1 for a vehicle that is not there."""
+    def served_by(self) -> Int[Array, "*games vehicles"]:
+        """Row of each vehicle's UAV; -1 for a vehicle that is not there."""
         return jnp.where(self.present, self.owner, -1)
 
     @property
-    def flying(self) -> Bool[Array, " uavs"]:
-        """[N] whether there is a UAV in the air: one without charge is on the ground, serves nobody and has no link."""
+    def flying(self) -> Bool[Array, "*games uavs"]:
+        """Whether there is a UAV in the air: one without charge is on the ground, serves nobody and has no link."""
         return self.active if self.charge is None else self.active & (self.charge > 0.0)
 
 

@@ -156,14 +156,14 @@ class UavCoordination(pettingzoo.ParallelEnv[str, npt.NDArray[np.float32], int])
     def close(self) -> None:
         """Nothing is held open."""
 
-    def _masks(self, maps: jax.Array) -> dict[str, dict[str, Any]]:
+    def _masks(self, maps: jax.Array | npt.NDArray[np.float32]) -> dict[str, dict[str, Any]]:
         """Of each agent, the moves that the outlook calls safe, under the name that libraries look for."""
         if not self.shape.outlook:
             return {agent: {} for agent in self.possible_agents}
         safe = np.asarray(safe_of(maps, self.shape.maps)).astype(np.int8)
         return {agent: {"action_mask": safe[row]} for row, agent in enumerate(self.possible_agents)}
 
-    def _by_agent(self, maps: jax.Array) -> dict[str, npt.NDArray[np.float32]]:
+    def _by_agent(self, maps: jax.Array | npt.NDArray[np.float32]) -> dict[str, npt.NDArray[np.float32]]:
         rows = np.asarray(maps)
         return {agent: rows[number] for number, agent in enumerate(self.possible_agents)}
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import gymnasium
 import jax
-import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
+from jaxtyping import Array, Int
 
 from skyrelay.airspace.flight import ACTIONS
 from skyrelay.airspace.maps import normalise
@@ -124,6 +124,8 @@ def _reset(keys: jax.Array, shape: Shape, domain: Domain) -> tuple[game.State, j
 
 
 @jax.jit
-def _step(states: game.State, actions: npt.NDArray[np.int32]) -> tuple[game.State, tuple[jax.Array, Score, jax.Array]]:
-    states, told = jax.vmap(game.step)(states, jnp.asarray(actions))
+def _step(
+    states: game.State, actions: Int[Array, "games uavs"]
+) -> tuple[game.State, tuple[jax.Array, Score, jax.Array]]:
+    states, told = jax.vmap(game.step)(states, actions)
     return states, (normalise(told.observation, states.shape.zoom, states.shape.maps), told.score, told.truncated)

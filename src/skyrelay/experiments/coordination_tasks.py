@@ -138,7 +138,7 @@ def count(uavs: list[int]) -> list[Row]:
 
 def forget_programs() -> None:
     """Drop what JAX has compiled for earlier tasks: hundreds of programs use up the memory maps a process may have."""
-    jax.clear_caches()  # type: ignore[no-untyped-call]
+    jax.clear_caches()
 
 
 def train_network(method: str, config: Training) -> tuple[Network, list[Row]]:

@@ -105,7 +105,8 @@ def summary(results: Float[Array, "4 episodes"]) -> dict[str, Any]:
 
     Returns: ``{"return": {"mean": ..., "low": ..., "high": ...}, "coverage": ..., ...}``.
     """
-    return {name: interval(values).closed() for name, values in zip(MEASURES, np.asarray(results), strict=True)}
+    rows = np.asarray(results, np.float64)
+    return {name: interval(values).closed() for name, values in zip(MEASURES, rows, strict=True)}
 
 
 def named(values: Iterable[float]) -> dict[str, float]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
+from io import BufferedIOBase
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
@@ -90,7 +91,7 @@ def _in_area(lines: Lines, path: Path, box: Box) -> Lines:
 class _Bounded:
     """A stream that gives no more than so many bytes: what is packed may be a thousand times longer."""
 
-    def __init__(self, stream: IO[bytes], most: int) -> None:
+    def __init__(self, stream: BufferedIOBase, most: int) -> None:
         self._stream, self._left, self._most = stream, most, most
 
     def read(self, size: int = -1) -> bytes:
@@ -101,7 +102,7 @@ class _Bounded:
         return chunk
 
 
-def _network(stream: IO[bytes], path: Path, plane: int | None) -> Lines:
+def _network(stream: BufferedIOBase, path: Path, plane: int | None) -> Lines:
     """The middle lane of every edge that is not inside a junction, or the edge's own shape."""
     lines: Lines = []
     location: Element | None = None
@@ -163,7 +164,7 @@ def _placed(lines: Lines, location: Element | None, path: Path, plane: int) -> L
 # GeoJSON
 
 
-def _geojson(stream: IO[bytes], path: Path, plane: int | None) -> Lines:
+def _geojson(stream: BufferedIOBase, path: Path, plane: int | None) -> Lines:
     """Every LineString and MultiLineString; what is no line is left out."""
     tree = parse_json(stream.read(MAX_JSON + 1))
     features = tree.get("features") if isinstance(tree, dict) else None

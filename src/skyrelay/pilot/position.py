@@ -8,7 +8,7 @@ import threading
 import time
 from contextlib import suppress
 from types import TracebackType
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from skyrelay.core.errors import PositionError, UsageError
 from skyrelay.core.untrusted import parse_json
@@ -23,6 +23,7 @@ _FLAT = 2
 """TPV's mode of a fix without altitude; 3 is one with, less is none."""
 
 
+@runtime_checkable
 class PositionSource(Protocol):
     """A receiver."""
 

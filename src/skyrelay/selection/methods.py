@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 
@@ -103,7 +103,7 @@ def select(
     rounds: int | Literal["full"] | None = None,
     incumbent: IntArray | None = None,
     hysteresis: float | FloatArray | None = None,
-    objective: Objective = "qou",
+    objective: str = "qou",
     time_limit: float | None = None,
     gap: float = 1e-4,
     seed: int = 0,
@@ -158,7 +158,7 @@ def select(
         return _result(vehicles, uavs, assignment, rule, method)
     if method == "optimal":
         _check(objective, OBJECTIVES, "objective")
-        assignment, total, left = optimal(vehicles, uavs, rule, objective, time_limit, gap)
+        assignment, total, left = optimal(vehicles, uavs, rule, cast("Objective", objective), time_limit, gap)
         return _result(vehicles, uavs, assignment, rule, method, objective=(objective, total), gap=left)
     if method == "nnm":
         return _result(vehicles, uavs, nearest_neighbor(vehicles, uavs, rule), rule, method)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -48,6 +48,7 @@ AnyScenario = TypeVar("AnyScenario", bound=Scenario)
 T = TypeVar("T")
 
 
+@runtime_checkable
 class Hosts(Protocol):
     """Whoever hosts the agents of a run: `Host` in this process, or others elsewhere."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from skyrelay.store.cid import Cid
 
@@ -29,6 +29,7 @@ class StoredModel:
     size: int
 
 
+@runtime_checkable
 class ModelStore(Protocol):
     """Models by content address. Whatever comes back has been hashed again; a store cannot answer with another file.
 

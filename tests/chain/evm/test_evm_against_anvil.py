@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
@@ -90,7 +91,7 @@ class Mirrored:
     def block_number(self) -> int:
         return self.chain.block_number
 
-    def send(self, calls: list[Call], timestamp: int | None = None) -> list[Receipt]:
+    def send(self, calls: Sequence[Call], timestamp: int | None = None) -> list[Receipt]:
         self.time += 1
         if not calls:
             return []
@@ -100,7 +101,7 @@ class Mirrored:
         self.compared += len(pairs)
         return [receipt for receipt, _ in pairs]
 
-    def query(self, calls: list[Call]) -> list[Answer]:
+    def query(self, calls: Sequence[Call]) -> list[Answer]:
         answers = self.chain.query(calls)
         messages = [{"from": call.sender, "to": call.to, "data": "0x" + call.data.hex()} for call in calls]
         for call, answer, other in zip(
@@ -119,7 +120,7 @@ class Mirrored:
 
 
 def test_the_contract_in_all_its_uses_costs_and_does_the_same(anvil: Any) -> None:
-    chain = Mirrored(anvil)
+    chain: Any = Mirrored(anvil)
     world = World(chain)
     world.found()
     world.play()

@@ -410,6 +410,7 @@ def test_a_value_of_another_kind_is_a_difference_and_no_crash(tmp_path: Path, pl
         inner[place[-1]] = value
         content = json.dumps(tree, separators=(",", ":")).encode()
         path.write_bytes(first + b"\n" + content_hash(content)[2:].encode() + b" " + content + b"\n")
+        found: list[Any]
         try:
             found = replay(tmp_path / "chain").differences
         except ChainError as error:

@@ -6,7 +6,7 @@ import sys
 import time
 from dataclasses import dataclass
 
-import rlp  # type: ignore[import-untyped]
+import rlp
 from eth_hash.auto import keccak
 
 from skyrelay.chain.evm.frame import STOPPED, Frame, Halt

@@ -26,7 +26,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal
 
-import rlp  # type: ignore[import-untyped]
+import rlp
 import tomli_w
 from eth_keys.datatypes import PrivateKey
 

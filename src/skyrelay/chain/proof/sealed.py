@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from eth_hash.auto import keccak
 
@@ -38,6 +38,7 @@ _AT_ONCE = 100
 """Blocks that are asked for together."""
 
 
+@runtime_checkable
 class Findings(Protocol):
     """Where the checks leave what they did and found: an `AuditReport`."""
 

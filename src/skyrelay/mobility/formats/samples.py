@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import gzip
 from dataclasses import dataclass
+from io import BufferedIOBase
 from pathlib import Path
-from typing import IO, cast
 
 import pyarrow as pa
 
@@ -30,9 +30,9 @@ class Samples:
     notes: tuple[str, ...] = ()
 
 
-def open_bytes(path: Path) -> IO[bytes]:
+def open_bytes(path: Path) -> BufferedIOBase:
     """A file's bytes, unpacked where its name ends in ``.gz``."""
-    return cast("IO[bytes]", gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb"))
+    return gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb")
 
 
 def counted(count: int, what: str) -> str:
