@@ -1,4 +1,4 @@
-"""Every function of the package holds to its types in the tests, and JAX compiles cheaply, each program once."""
+"""What writes its shapes down holds to them in the tests, and JAX compiles cheaply, each program once."""
 
 from __future__ import annotations
 

@@ -131,6 +131,8 @@ def test_a_game():
     assert picture.dtype == np.uint8
     game.step(dict.fromkeys(game.agents, 1))
     assert (game.render() != picture).any()
+    with pytest.raises(sr.SkyRelayError, match="one of paper, varied"):
+        sr.make("chess")  # type: ignore[arg-type]
     with pytest.raises(sr.SkyRelayError, match="rgb_array"):
         sr.make("paper", render_mode="human")
 
@@ -153,3 +155,36 @@ def test_evaluating():
             sr.evaluate("static", episodes=episodes)
     assert "generalist" in sr.policies()
     assert ACTIONS == 9
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: sr.make(uavs=2.5), "make: uavs: 2.5: expected a whole number"),
+        (lambda: sr.make(vehicles="20"), "make: vehicles"),
+        (lambda: sr.make(steps=True), "make: steps"),
+        (lambda: sr.make_vec(games=1.0), "make_vec: games"),
+        (lambda: sr.evaluate(3), "evaluate: player: 3"),
+        (lambda: sr.evaluate("cover", uavs=None), "evaluate: uavs"),
+        (lambda: sr.evaluate("cover", vehicles=(1, 2, 3)), "evaluate: vehicles"),
+        (lambda: sr.evaluate("cover", episodes="ten"), "evaluate: episodes"),
+        (lambda: sr.evaluate("cover", trace=7), "evaluate: trace"),
+        (lambda: sr.evaluate("cover", games="energy", trace="bologna"), "paper or varied beside a trace"),
+        (lambda: sr.run(7), "run: scenario: 7"),
+        (lambda: sr.run("bologna", seed=1.5), "run: seed"),
+        (lambda: sr.run("bologna", settings=["fleet.uavs=2"]), "run: settings"),
+        (lambda: sr.load_run(None), "load_run"),
+        (lambda: sr.compare("runs/one"), "compare: runs"),
+        (lambda: sr.compare([1, 2]), "compare: runs: 1"),
+    ],
+)
+def test_an_argument_of_another_kind_is_one_clear_line(call, told):
+    with pytest.raises(sr.SkyRelayError, match=told):
+        call()
+
+
+def test_evaluating_on_a_trace():
+    options = {"uavs": 2, "vehicles": 4, "episodes": 4}
+    replayed = sr.evaluate("static", trace="bologna", **options)
+    assert replayed == sr.evaluate("static", trace="bologna", **options)
+    assert replayed != sr.evaluate("static", **options)

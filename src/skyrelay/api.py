@@ -88,7 +88,7 @@ def load_run(path: str | Path) -> RunFolder:
     Raises:
         RunFolderError: the folder is none of a run's.
     """
-    folder = Path(path)
+    folder = _path("load_run", path)
     require_folder(folder)
     run = RunFolder(folder)
     _ = run.summary
@@ -125,6 +125,12 @@ def run(
     from skyrelay.report import write_figures, write_report
     from skyrelay.simulation import play
 
+    if not isinstance(scenario, Scenario):
+        _path("run: scenario", scenario)
+    if seed is not None:
+        _require_whole("run", seed=seed)
+    if settings is not None and not isinstance(settings, Mapping):
+        raise UsageError("run: settings", settings, 'keys and values, such as {"fleet.uavs": 20}')
     chosen = {key: _name(value) for key, value in (("coordination.policy", policy), ("selection.method", method))}
     sets = dict(settings or {}) | {key: name for key, name in chosen.items() if name is not None}
     if isinstance(scenario, Scenario):
@@ -133,7 +139,7 @@ def run(
         config = scenario
     else:
         config = load_scenario(scenario, [f"{key}={_toml(value)}" for key, value in sets.items()], seed)
-    target = Path(out) if out is not None else Path("runs") / f"{config.name}-{config.seed}"
+    target = _path("run: out", out) if out is not None else Path("runs") / f"{config.name}-{config.seed}"
 
     def finish(folder: Path) -> None:
         if report:
@@ -171,6 +177,7 @@ def make(
     from skyrelay.learning.presets import games_of
 
     _require_games(name)
+    _require_whole("make", uavs=uavs, vehicles=vehicles, steps=steps, n=n)
     domain, shape = games_of(name, (uavs, uavs), (vehicles, vehicles), n)
     return UavCoordination(replace(shape, steps=steps), domain, render_mode=render_mode)
 
@@ -193,6 +200,7 @@ def make_vec(
     from skyrelay.learning.presets import games_of
 
     _require_games(name)
+    _require_whole("make_vec", games=games, uavs=uavs, vehicles=vehicles, steps=steps, n=n)
     domain, shape = games_of(name, (uavs, uavs), (vehicles, vehicles), n)
     return UavVector(replace(shape, steps=steps), domain, games)
 
@@ -205,6 +213,7 @@ def evaluate(
     games: str = "paper",
     episodes: int = 200,
     seed: int = 0,
+    trace: str | Path | None = None,
 ) -> dict[str, Any]:
     """Play unseen episodes and measure them, as `skyrelay evaluate` and `skyrelay baseline` do.
 
@@ -213,29 +222,43 @@ def evaluate(
             `skyrelay.baselines.player.Player`.
         uavs, vehicles: how many, or from and to.
         games, seed: the same give the same episodes to every player.
+        trace: a name or a file: its vehicles are replayed, in squares of its area, each two ranges wide.
     Returns: ``{"return": {"mean": ..., "low": ..., "high": ...}, "coverage": ..., ...}``, 95 % intervals over episodes.
     Raises:
         SkyRelayError: naming what does not fit, or is not there.
     """
     from skyrelay.baselines.catalogue import BASELINES, baseline
-    from skyrelay.baselines.player import play_from
+    from skyrelay.baselines.player import Player, play_from
+    from skyrelay.coordination.replay import Setting, replayed_games
     from skyrelay.coordination.settings import Shape
     from skyrelay.learning.evaluation import evaluate_policy, starts, summary, unseen_key
     from skyrelay.learning.presets import games_of
+    from skyrelay.mobility.tracks import open_trace
 
     _require_games(games)
+    _require_whole("evaluate", episodes=episodes, seed=seed)
+    team, traffic = _bounds("uavs", uavs), _bounds("vehicles", vehicles)
     if not 1 <= episodes <= MOST_EPISODES:
         raise UsageError("episodes", episodes, f"1 to {MOST_EPISODES:,}")
     if isinstance(player, str):
         _name(player)
         known = player in BASELINES or (plugins.is_code(player) and not Path(player).exists())
         player = baseline(player) if known else Policy.named(player)
+    if not isinstance(player, Policy | Player):
+        raise UsageError("evaluate: player", player, "a name, a file, a Policy or a skyrelay.baselines.player.Player")
     n, zoom = (player.n, player.zoom) if isinstance(player, Policy) else (Shape.n, Shape.zoom)
-    domain, shape = games_of(games, _bounds(uavs), _bounds(vehicles), n, zoom)  # type: ignore[arg-type]
-    games_begun = starts(unseen_key(seed), episodes, shape, domain)
+    domain, shape = games_of(games, team, traffic, n, zoom)  # type: ignore[arg-type]
+    vehicles_of: Any = None
+    if trace is None:
+        games_begun = starts(unseen_key(seed), episodes, shape, domain)
+    elif shape.walls or shape.energy:
+        raise UsageError("evaluate: games", games, "paper or varied beside a trace")
+    else:
+        replayed = open_trace(str(_path("evaluate: trace", trace)))[0]
+        games_begun, vehicles_of = replayed_games(unseen_key(seed), replayed, episodes, shape, Setting(team, traffic))
     if isinstance(player, Policy):
-        return evaluate_policy(player, games_begun)
-    return summary(play_from(player, unseen_key(seed), games_begun).measures)
+        return evaluate_policy(player, games_begun, vehicles_of)
+    return summary(play_from(player, unseen_key(seed), games_begun, vehicles_of).measures)
 
 
 def compare(runs: Sequence[str | Path], figure: str | Path | None = None) -> pa.Table:
@@ -247,9 +270,11 @@ def compare(runs: Sequence[str | Path], figure: str | Path | None = None) -> pa.
     """
     from skyrelay.report.compare import draw, groups_of, table
 
-    groups = groups_of([Path(run) for run in runs], hovering=True)
+    if isinstance(runs, str) or not isinstance(runs, Sequence):
+        raise UsageError("compare: runs", runs, "a list of run folders")
+    groups = groups_of([_path("compare: runs", run) for run in runs], hovering=True)
     if figure is not None:
-        draw(groups, Path(figure))
+        draw(groups, _path("compare: figure", figure))
     rows = table(groups)
     columns = dict.fromkeys(key for row in rows for key in row)
     return pa.table({name: [row.get(name) for row in rows] for name in columns})
@@ -265,8 +290,26 @@ def _require_games(name: str) -> None:
         raise UsageError("games", name, f"one of {', '.join(GAMES)}")
 
 
-def _bounds(value: int | tuple[int, int]) -> tuple[int, int]:
-    return (value, value) if isinstance(value, int | np.integer) else (value[0], value[1])
+def _require_whole(call: str, **numbers: object) -> None:
+    for name, value in numbers.items():
+        if isinstance(value, bool) or not isinstance(value, int | np.integer):
+            raise UsageError(f"{call}: {name}", value, "a whole number")
+
+
+def _bounds(name: str, value: object) -> tuple[int, int]:
+    """From and to."""
+    both = value if isinstance(value, tuple | list) else (value, value)
+    if len(both) != 2:
+        raise UsageError(f"evaluate: {name}", value, "a whole number, or two: from and to")
+    _require_whole("evaluate", **{name: both[0]})
+    _require_whole("evaluate", **{name: both[1]})
+    return int(both[0]), int(both[1])
+
+
+def _path(place: str, value: object) -> Path:
+    if not isinstance(value, str | Path):
+        raise UsageError(place, value, "a path or a name, as text or a Path")
+    return Path(value)
 
 
 def _name(value: str | Callable[..., Any] | None) -> str | None:

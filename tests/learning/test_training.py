@@ -102,9 +102,9 @@ def test_a_number_that_is_none_stops_with_a_clear_error(tiny, tmp_path):
 
 
 def test_an_estimate_scales_a_piece_of_an_update_to_the_whole(tiny, monkeypatch):
-    clock = iter([100.0, 101.0])  # the piece, 2 of 5 steps of each game, takes a second
+    clock = iter([100.0, 101.0])  # the piece, 1 of 5 steps of each game, takes a second
     monkeypatch.setattr("skyrelay.learning.training.time.perf_counter", lambda: next(clock))
-    assert training.estimate(tiny) == pytest.approx(1.0 * 5 / 2 * tiny.updates)
+    assert training.estimate(tiny) == pytest.approx(1.0 * 5 * tiny.updates)
 
 
 def test_seeds_side_by_side_are_the_seeds_alone(finished, tiny, tmp_path):
