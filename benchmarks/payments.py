@@ -40,7 +40,7 @@ def main() -> None:
         if not all(receipt.status for receipt in receipts):
             raise SystemExit("a call was refused")
         used: int = sum(receipt.gas_used for receipt in receipts)
-        return round(used / count)
+        return float(round(used / count))
 
     rows: dict[str, list[float]] = {}
 

@@ -25,6 +25,7 @@ import tomllib
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -149,14 +150,19 @@ class Trial:
         self._reader.join()
 
 
+def _heard_or_called(trial: Trial, kind: str) -> bool:
+    """Whether a host's members have sent a beacon, or its vehicles called the contract."""
+    return bool(trial.hear(kind)[1]) or (kind == "vehicles" and bool(trial.vehicles_called()))
+
+
 def measure(trial: Trial) -> dict[str, float]:
     """Kill each once; seconds from there to its first act."""
     seconds: dict[str, float] = {}
     for kind in ("uavs", "vehicles"):
-        trial.until(lambda kind=kind: trial.early_in_a_period(kind))
+        trial.until(partial(trial.early_in_a_period, kind))
         trial.vehicles_called()
         begin = trial.kill(kind)
-        trial.until(lambda kind=kind: trial.hear(kind)[1] or (kind == "vehicles" and trial.vehicles_called()))
+        trial.until(partial(_heard_or_called, trial, kind))
         seconds["uavs: a beacon" if kind == "uavs" else "vehicles: a beacon or a call"] = time.monotonic() - begin
         if kind == "uavs":
             trial.until(lambda: trial.hear("uavs")[2])

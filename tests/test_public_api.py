@@ -157,25 +157,29 @@ def test_evaluating():
     assert ACTIONS == 9
 
 
+untyped: Any = sr
+"""As who does not check types calls it."""
+
+
 @pytest.mark.parametrize(
     ("call", "told"),
     [
-        (lambda: sr.make(uavs=2.5), "make: uavs: 2.5: expected a whole number"),
-        (lambda: sr.make(vehicles="20"), "make: vehicles"),
-        (lambda: sr.make(steps=True), "make: steps"),
-        (lambda: sr.make_vec(games=1.0), "make_vec: games"),
-        (lambda: sr.evaluate(3), "evaluate: player: 3"),
-        (lambda: sr.evaluate("cover", uavs=None), "evaluate: uavs"),
-        (lambda: sr.evaluate("cover", vehicles=(1, 2, 3)), "evaluate: vehicles"),
-        (lambda: sr.evaluate("cover", episodes="ten"), "evaluate: episodes"),
-        (lambda: sr.evaluate("cover", trace=7), "evaluate: trace"),
-        (lambda: sr.evaluate("cover", games="energy", trace="bologna"), "paper or varied beside a trace"),
-        (lambda: sr.run(7), "run: scenario: 7"),
-        (lambda: sr.run("bologna", seed=1.5), "run: seed"),
-        (lambda: sr.run("bologna", settings=["fleet.uavs=2"]), "run: settings"),
-        (lambda: sr.load_run(None), "load_run"),
-        (lambda: sr.compare("runs/one"), "compare: runs"),
-        (lambda: sr.compare([1, 2]), "compare: runs: 1"),
+        (lambda: untyped.make(uavs=2.5), "make: uavs: 2.5: expected a whole number"),
+        (lambda: untyped.make(vehicles="20"), "make: vehicles"),
+        (lambda: untyped.make(steps=True), "make: steps"),
+        (lambda: untyped.make_vec(games=1.0), "make_vec: games"),
+        (lambda: untyped.evaluate(3), "evaluate: player: 3"),
+        (lambda: untyped.evaluate("cover", uavs=None), "evaluate: uavs"),
+        (lambda: untyped.evaluate("cover", vehicles=(1, 2, 3)), "evaluate: vehicles"),
+        (lambda: untyped.evaluate("cover", episodes="ten"), "evaluate: episodes"),
+        (lambda: untyped.evaluate("cover", trace=7), "evaluate: trace"),
+        (lambda: untyped.evaluate("cover", games="energy", trace="bologna"), "paper or varied beside a trace"),
+        (lambda: untyped.run(7), "run: scenario: 7"),
+        (lambda: untyped.run("bologna", seed=1.5), "run: seed"),
+        (lambda: untyped.run("bologna", settings=["fleet.uavs=2"]), "run: settings"),
+        (lambda: untyped.load_run(None), "load_run"),
+        (lambda: untyped.compare("runs/one"), "compare: runs"),
+        (lambda: untyped.compare([1, 2]), "compare: runs: 1"),
     ],
 )
 def test_an_argument_of_another_kind_is_one_clear_line(call, told):
@@ -184,7 +188,7 @@ def test_an_argument_of_another_kind_is_one_clear_line(call, told):
 
 
 def test_evaluating_on_a_trace():
-    options = {"uavs": 2, "vehicles": 4, "episodes": 4}
+    options: dict[str, Any] = {"uavs": 2, "vehicles": 4, "episodes": 4}
     replayed = sr.evaluate("static", trace="bologna", **options)
     assert replayed == sr.evaluate("static", trace="bologna", **options)
     assert replayed != sr.evaluate("static", **options)

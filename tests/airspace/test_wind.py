@@ -11,6 +11,7 @@ from skyrelay.airspace.flight import ACTIONS, STAY, unit_moves
 from skyrelay.airspace.law import Law
 from skyrelay.airspace.wind import Weather, progress
 from skyrelay.core.errors import ScenarioError
+from skyrelay.core.resolved import resolve
 from skyrelay.core.scenario import Energy, Wind, load_scenario
 from skyrelay.core.zones import ZoneGrid
 from skyrelay.simulation.flight import Flight
@@ -111,7 +112,7 @@ def test_a_fleet_makes_less_way_against_the_wind():
 def test_hovering_in_wind_costs_what_flying_at_its_speed_costs():
     def cost(*overrides):
         sets = ["energy.model=rotary-wing", "fleet.range=800", *overrides]
-        return Law.of(load_scenario("bologna", sets), GRID).energy.hover_per_minute
+        return Law.of(resolve(load_scenario("bologna", sets), GRID), GRID).energy.hover_per_minute
 
     assert cost("wind.speed=10") == pytest.approx(cost() * 126.0 / 168.5, rel=0.02)  # Zeng et al., Fig. 2
     assert cost("wind.speed=25") > cost()

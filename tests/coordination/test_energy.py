@@ -18,6 +18,7 @@ from skyrelay.coordination.pettingzoo import UavCoordination
 from skyrelay.coordination.settings import Shape, physical
 from skyrelay.coordination.testing import check_parallel_env
 from skyrelay.core.errors import UsageError
+from skyrelay.core.names import GamesName
 from skyrelay.learning.presets import games_of
 
 SHAPE = Shape(3, 6, n=5, steps=12, energy=True)
@@ -64,8 +65,14 @@ def test_speeds_that_are_none_are_refused(speeds):
         Batteries(speeds=speeds)
 
 
+GAMES_AND_SPEEDS: tuple[tuple[GamesName, tuple[float, float] | None], ...] = (
+    ("energy", None),
+    ("rotary-wing", (5.0, 30.0)),
+)
+
+
 def test_the_games_of_that_name_have_it():
-    for games, speeds in (("energy", None), ("rotary-wing", (5.0, 30.0))):
+    for games, speeds in GAMES_AND_SPEEDS:
         domain, shape = games_of(games, (2, 2), (4, 4), Shape.n)
         assert (domain.batteries.speeds, shape.energy) == (speeds, True)
 

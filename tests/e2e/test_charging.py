@@ -36,12 +36,20 @@ def table(folder, name):
     return pq.read_table(folder / f"{name}.parquet").to_pandas()
 
 
+def report(folder):
+    write_report(folder)
+
+
+def nothing(_):
+    pass
+
+
 @pytest.mark.parametrize(("policy", "rotation"), [("random", "rotate"), ("random", "alone"), ("recharge", "rotate")])
 def test_no_uav_lands_empty_whatever_it_flies_by(tmp_path, run, policy, rotation):
     folder = tmp_path / "run"
     with new_run_folder(folder) as place:
         sets = (*QUEUE, f"coordination.policy={policy}", f"energy.rotation={rotation}")
-        play(load_scenario("shift", sets), place, Silent(), write_report if rotation == "alone" else lambda _: None)
+        play(load_scenario("shift", sets), place, Silent(), report if rotation == "alone" else nothing)
     uavs, charging = table(folder, "uavs"), table(folder, "charging")
     summary, scenario = json.loads((folder / "summary.json").read_text()), load_scenario(folder / "scenario.toml")
     assert uavs.battery.min() >= scenario.energy.reserve - 1e-4

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from skyrelay.baselines.catalogue import BASELINES
 from skyrelay.core import aggregates
 from skyrelay.core.errors import SkyRelayError, UsageError
 from skyrelay.experiments import suite as suites
@@ -175,7 +176,7 @@ def test_the_export_has_all_episodes_of_those_who_played_everything(three):
 def test_the_scale_is_what_hovering_and_the_best_rule_had_in_the_kept_run():
     suite = suite_of("all")
     table = pq.read_table(KEPT / "results.parquet").to_pylist()
-    rules = [name for name in {row["method"] for row in table} if name in suites.BASELINES]
+    rules = [name for name in {row["method"] for row in table} if name in BASELINES]
     played = suites.Played(suite, [], table)
     for task in suite.tasks:
         means = {

@@ -205,8 +205,8 @@ def test_advantages_by_agent_leave_what_the_critic_is_to_expect(tiny):
     active = random.random(shape) < 0.7
     value, advantage = random.normal(size=(2, *shape)) * np.array([1.0, 7.0])
     maps, action = jnp.zeros((*shape, 6, 5, 5), jnp.uint8), jnp.zeros(shape, jnp.int32)
-    rows = [jnp.asarray(array, jnp.float32) for array in (np.zeros(shape), value, advantage)]
-    before = ppo.Experience(maps, action, *rows, jnp.asarray(active))
+    chosen, wanted, gained = (jnp.asarray(array, jnp.float32) for array in (np.zeros(shape), value, advantage))
+    before = ppo.Experience(maps, action, chosen, wanted, gained, jnp.asarray(active))
     after = ppo.normalised_by_agent(before)
     for agent in range(2):
         mine = active[..., agent]
@@ -217,7 +217,8 @@ def test_advantages_by_agent_leave_what_the_critic_is_to_expect(tiny):
     # They go into the loss as they are; else each minibatch has its own.
     flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[3:]), after)
     config = tiny.hyperparameters
-    nets = [make(jax.random.key(0), config.actor) for make in (networks.actor, networks.critic)]
+    key = jax.random.key(0)
+    nets = networks.actor(key, config.actor), networks.critic(key, config.actor)
     scaled = flat._replace(advantage=3.0 * flat.advantage)
     own, other = (
         [float(ppo.loss(nets, batch, one, 2)[1]["policy_loss"]) for batch in (flat, scaled)]

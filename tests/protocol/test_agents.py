@@ -15,6 +15,7 @@ from skyrelay.protocol.messages import (
     ChangeZone,
     Decide,
     Decided,
+    DetermineModel,
     Fix,
     Mined,
     Move,
@@ -102,6 +103,7 @@ def test_a_coordinator_does_not_ask_again_and_again_for_what_is_refused(town):
     town.tick(Phase.CLOSE, Phase.LAND, Phase.REPORT, Phase.PROPOSE, Phase.ALLOCATE)
     coordinator = next(agent for agent in town.agents if isinstance(agent, ZoneCoordinator))
     (call,) = coordinator.receive(Tick(Phase.DETERMINE))
+    assert isinstance(call, DetermineModel)
     coordinator.receive(Refused(call, ContractError("determineMDRLModel", "NoModel", {})))
     for step in range(3):
         assert coordinator.receive(Tick(Phase.BEACON, step=step)) == ()

@@ -31,8 +31,12 @@ ENERGY = Energy(hover_per_minute=30.0, move_per_minute=60.0, reserve=5.0)  # a m
 LAW = Law(ZoneGrid(0.0, 0.0, 2000.0, 2, 1), 900.0, 30.0, 2.0, ENERGY, None, 10.0, places=PLACES, rotates=True)
 
 
+def no_policy(_):
+    raise AssertionError("nothing is loaded")
+
+
 def agent(law=LAW, rule=None):
-    uav = UavAgent("u1", "0xu1", 1, 100.0, 4000, law, lambda _: None)
+    uav = UavAgent("u1", "0xu1", 1, 100.0, 4000, law, no_policy)
     told(uav, "UAVRegistered", uav="0xu1")
     told(uav, "UAVZoneUpdated", uav="0xu1", **{"from": 0, "to": 1})
     uav.policy = rule

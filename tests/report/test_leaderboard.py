@@ -38,7 +38,7 @@ def method(name: str, scores: dict[str, float], *, complete: bool = True, **more
 
 @pytest.fixture
 def told() -> dict[str, Any]:
-    task = {"games": "paper", "trace": None, "radio": None, "gateway": False, "uavs": 2, "vehicles": 5}
+    task: dict[str, Any] = {"games": "paper", "trace": None, "radio": None, "gateway": False, "uavs": 2, "vehicles": 5}
     task |= {"measure": "return", "hovering": -61.5, "best": -1.25, "best_by": "cover"}
     tasks = [task | {"name": "first"}, task | {"name": "second", "measure": "carried", "radio": "air-to-ground"}]
     return {

@@ -1,6 +1,7 @@
 """Near-feasible stable matching: what it promises, by checkers that share nothing with it, and the plain loops."""
 
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -143,7 +144,9 @@ def test_lists_that_go_on_and_samples_change_nothing(seed, candidates, monkeypat
 def test_a_city_has_no_blocking_pair(bandwidths):
     vehicles, uavs = drawn(7, vehicles=4000, uavs=150, side=12000.0, zones=2)
     generator = np.random.default_rng(7)
-    uavs = uavs_at(uavs.x, uavs.y, uavs.zone, generator.uniform(*bandwidths, 150), uavs.battery, uavs.reputation)
+    uavs = uavs_at(
+        uavs.x, uavs.y, uavs.zone, generator.uniform(bandwidths[0], bandwidths[1], 150), uavs.battery, uavs.reputation
+    )
     rule = Settings(max_uav_bandwidth=200.0)
     chosen = select(vehicles, uavs, "near-feasible", settings=rule)
     metrics = evaluate(vehicles, uavs, chosen, rule)
@@ -200,7 +203,7 @@ def test_the_example_without_a_stable_assignment_has_a_near_feasible_one():
     ],
 )
 def test_arrays_that_do_not_fit_are_named(changed, place):
-    fitting = {
+    fitting: dict[str, Any] = {
         "vehicle": [0, 1],
         "uav": [0, 0],
         "liking": [1.0, 1.0],

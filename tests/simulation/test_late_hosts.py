@@ -12,6 +12,7 @@ from skyrelay.core.files import write_text
 from skyrelay.core.progress import Silent
 from skyrelay.core.scenario import load_scenario, to_toml
 from skyrelay.pilot.timetable import Timetable
+from skyrelay.protocol.agent import Agent
 from skyrelay.protocol.host import Host
 from skyrelay.protocol.messages import Phase
 from skyrelay.protocol.uav import UavAgent
@@ -58,6 +59,9 @@ class LateHosts:
 
     def take_fixes(self):
         return {}
+
+    def advise(self, advice):
+        raise AssertionError("the contract selects")
 
     def take_moves(self):
         moves, self._moves = self._moves, {}
@@ -135,10 +139,10 @@ def test_whoever_is_late_or_away_the_audit_agrees(tmp_path, seed):
         run = Run(there, consortium.account)
         agents = world_agents(world, consortium.account, consortium.hangar.load)
         uavs = [agent for agent in agents if isinstance(agent, UavAgent)]
-        groups = {
+        groups: dict[str, list[Agent]] = {
             "vehicles": [agent for agent in agents if isinstance(agent, VehicleAgent)],
-            "uavs-1": uavs[:6],
-            "uavs-2": uavs[6:],
+            "uavs-1": [*uavs[:6]],
+            "uavs-2": [*uavs[6:]],
             "coordinator": [agent for agent in agents if not isinstance(agent, UavAgent | VehicleAgent)],
         }
         consortium.found()

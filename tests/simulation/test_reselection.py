@@ -63,6 +63,7 @@ def test_the_selection_at_the_periods_begin_is_retold(runs):
 def test_its_bound_counts_those_who_came_within_a_period(runs):
     (free,) = bound(runs["direct"][0], 5)
     assert free.level == "free"
+    assert free.share is not None
     assert 0.0 < free.share < 1.0
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from stable_baselines3.common.vec_env import VecEnv  # type: ignore[import-not-found]
+from stable_baselines3.common.vec_env import VecEnv
 
 from skyrelay.coordination.vector import UavVector
 
