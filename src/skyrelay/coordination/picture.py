@@ -24,7 +24,6 @@ MILLISECONDS = 120
 
 def picture(state: game.State) -> npt.NDArray[np.uint8]:
     """One state [480, 480, 3]."""
-    state = jax.device_get(state)
     figure = Figure(figsize=(4.8, 4.8), dpi=PIXELS / 4.8)
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_axes((0.02, 0.02, 0.96, 0.92))
