@@ -17,6 +17,7 @@ def up(tmp_path):
         up.stop()
 
 
+@pytest.mark.survival
 @pytest.mark.parametrize("block", [8, 14])
 def test_what_the_first_leaves_undone_the_second_does_and_nothing_twice(run_folder, up, block):
     """Not a row differs from a run of which nobody was killed: none is lost, and none doubled."""

@@ -65,6 +65,7 @@ def test_a_node_beside_another_is_refused(tmp_path):
     assert isinstance(told.exception, UsageError)
 
 
+@pytest.mark.survival
 def test_vehicles_that_sign_are_served_as_those_that_send(run_folder, tmp_path):
     process = skyrelay(
         "up",

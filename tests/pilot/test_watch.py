@@ -18,6 +18,9 @@ STEPS, PERIOD = 12, 6
 FLIGHT = sets(f"coordination.steps={STEPS}", f"coordination.period_steps={PERIOD}", "fleet.battery=[4.0, 100.0]")
 
 
+pytestmark = pytest.mark.xdist_group("watch")  # one fleet for all
+
+
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
     """A run by processes, the records that an onlooker had of it, and the onlooker, who is still there."""

@@ -38,7 +38,9 @@ def killed(folder, blocks):
     return records[0]
 
 
-@pytest.mark.parametrize("blocks", [3, 30, 60])
+@pytest.mark.parametrize(
+    "blocks", [pytest.param(3, marks=pytest.mark.survival), 30, pytest.param(60, marks=pytest.mark.survival)]
+)
 def test_a_killed_run_goes_on_to_the_same_end(tmp_path, blocks):
     killed(tmp_path / "run", blocks)
     assert skyrelay("run", "--resume", tmp_path / "run", stderr=subprocess.DEVNULL).wait(120) == 0
