@@ -164,22 +164,22 @@ untyped: Any = sr
 @pytest.mark.parametrize(
     ("call", "told"),
     [
-        (lambda: untyped.make(uavs=2.5), "make: uavs: 2.5: expected a whole number"),
+        (lambda: untyped.make(uavs=2.5), "make: uavs: is 2.5; expected a whole number"),
         (lambda: untyped.make(vehicles="20"), "make: vehicles"),
         (lambda: untyped.make(steps=True), "make: steps"),
         (lambda: untyped.make_vec(games=1.0), "make_vec: games"),
-        (lambda: untyped.evaluate(3), "evaluate: player: 3"),
+        (lambda: untyped.evaluate(3), "evaluate: player: is 3"),
         (lambda: untyped.evaluate("cover", uavs=None), "evaluate: uavs"),
         (lambda: untyped.evaluate("cover", vehicles=(1, 2, 3)), "evaluate: vehicles"),
         (lambda: untyped.evaluate("cover", episodes="ten"), "evaluate: episodes"),
         (lambda: untyped.evaluate("cover", trace=7), "evaluate: trace"),
         (lambda: untyped.evaluate("cover", games="energy", trace="bologna"), "paper or varied beside a trace"),
-        (lambda: untyped.run(7), "run: scenario: 7"),
+        (lambda: untyped.run(7), "run: scenario: is 7"),
         (lambda: untyped.run("bologna", seed=1.5), "run: seed"),
         (lambda: untyped.run("bologna", settings=["fleet.uavs=2"]), "run: settings"),
         (lambda: untyped.load_run(None), "load_run"),
         (lambda: untyped.compare("runs/one"), "compare: runs"),
-        (lambda: untyped.compare([1, 2]), "compare: runs: 1"),
+        (lambda: untyped.compare([1, 2]), "compare: runs: is 1"),
     ],
 )
 def test_an_argument_of_another_kind_is_one_clear_line(call, told):

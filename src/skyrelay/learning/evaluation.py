@@ -109,7 +109,7 @@ def summary(results: Float[Array, "4 episodes"]) -> dict[str, Any]:
     return {name: interval(values).closed() for name, values in zip(MEASURES, rows, strict=True)}
 
 
-def named(values: Iterable[float] | Float[np.ndarray, "4"]) -> dict[str, float]:
+def named(values: Iterable[float] | Float[np.ndarray, 4]) -> dict[str, float]:
     """One episode's measures by their names."""
     return {name: float(value) for name, value in zip(MEASURES, values, strict=True)}
 
