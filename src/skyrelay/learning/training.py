@@ -280,7 +280,7 @@ class Course:
             key = jax.random.fold_in(jax.random.key(seed), UNSEEN - 1)
             actor = self.learner(index).actor
             found = greedy_episodes(actor, key, config.test_episodes, config.shape, config.domain, self.decider)
-            means = named(np.mean(np.asarray(found), axis=1, dtype=np.float64))
+            means = named(list(np.mean(np.asarray(found), axis=1, dtype=np.float64)))
             self.curves[index][-1] |= {f"test_{name}": mean for name, mean in means.items()}
 
     def resume(self, folders: Sequence[Path], identities: Sequence[dict[str, Any]]) -> None:
