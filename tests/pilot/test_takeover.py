@@ -6,6 +6,9 @@ from town_of_processes import Up, audited, decided
 TWO = ["--coordinators", 2, "--standby", 1, "--wait", 1, "--elsewhere", "coordinator"]
 
 
+pytestmark = pytest.mark.survival
+
+
 @pytest.fixture
 def up(tmp_path):
     up = Up(tmp_path / "up", options=TWO)
@@ -17,7 +20,6 @@ def up(tmp_path):
         up.stop()
 
 
-@pytest.mark.survival
 @pytest.mark.parametrize("block", [8, 14])
 def test_what_the_first_leaves_undone_the_second_does_and_nothing_twice(run_folder, up, block):
     """Not a row differs from a run of which nobody was killed: none is lost, and none doubled."""

@@ -106,6 +106,7 @@ def test_low_batteries_and_a_chain_that_is_gone_are_alerts(flown):
     assert "does not answer" in said[-1]
 
 
+@pytest.mark.survival
 def test_a_page_is_served_by_up_itself_and_ends_with_it(tmp_path):
     up = skyrelay("up", "--out", tmp_path / "run", *FLIGHT, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
     try:
