@@ -37,9 +37,20 @@ class _List:
 
 @dataclass
 class _Zone:
+    """A zone's period: the UAVs' lists, and where in them each vehicle stands."""
+
     period: int
     as_of: int
     uavs: dict[str, _List] = field(default_factory=dict)
+    places: dict[str, list[tuple[str, int]]] = field(default_factory=dict)
+
+    def binds(self, vehicle: str, uav: str) -> bool:
+        """Whether a vehicle may not ask a UAV: it has asked that one, is held by one, or waits to be decided."""
+        for other, place in self.places.get(vehicle, ()):
+            entry = self.uavs[other]
+            if other == uav or place in entry.held or place >= len(entry.vehicles) - len(entry.new):
+                return True
+        return False
 
 
 class ClaimBook:
@@ -141,16 +152,16 @@ class ClaimBook:
     def _enter(self, book: _Zone, vehicle: str, signed: SignedProposal, reputation: int, info: UavInfo) -> Event | None:
         """Enter one proposal; None where a claim with it would be wrong."""
         told, entry = signed.proposal, book.uavs.setdefault(signed.proposal.uav, _List())
-        bound = any(
-            other.vehicles[place] == vehicle
-            for uav, other in book.uavs.items()
-            for place in range(len(other.vehicles))
-            if uav == told.uav or place in other.held or place >= len(other.vehicles) - len(other.new)
-        )
         x, y = round(info.x * DECIMETRES), round(info.y * DECIMETRES)
         distance = distance_fixed(told.x - x, told.y - y)
         far = self._client.settings.range_gate and distance > self._rules.max_distance * DISTANCE_SCALE
-        if bound or far or info.zone != told.zone or told.since or len(entry.vehicles) == MOST_PROPOSALS:
+        if (
+            book.binds(vehicle, told.uav)
+            or far
+            or info.zone != told.zone
+            or told.since
+            or len(entry.vehicles) == MOST_PROPOSALS
+        ):
             return None
         try:
             qov = qov_fixed(self._rules, told.demand, told.payment, reputation, distance)
@@ -174,6 +185,7 @@ class ClaimBook:
             "index": len(entry.vehicles),
             "round": told.round,
         }
+        book.places.setdefault(vehicle, []).append((told.uav, len(entry.vehicles)))
         entry.vehicles.append(vehicle)
         entry.scored.append((score, told.demand))
         entry.new.append(signed)
