@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Callable
 
 import numpy as np
 
@@ -86,22 +87,47 @@ class Team:
 
     def selection(self, tracks: Tracks, members: Members, step: int, seed: int) -> IntArray:
         """[V] the row of each vehicle's UAV by the run's method, at this fleet's own positions, without a chain."""
-        fleet = self.fleet
+
+        def by(rows: IntArray, vehicles: VehicleTable, uavs: UavTable, incumbent: IntArray) -> IntArray:
+            return select(
+                vehicles,
+                uavs,
+                settings=self._settings,
+                incumbent=incumbent,
+                hysteresis=self._hysteresis(rows, vehicles, uavs, incumbent),
+                seed=seed,
+                time_limit=METHOD_SECONDS,
+                within=True,
+            ).assignment
+
+        return self._owner_by(by, tracks, members, step)
+
+    def reselection(self, tracks: Tracks, members: Members, step: int) -> IntArray:
+        """[V] the row of each vehicle's UAV, once those without one have asked the UAVs that have room."""
+
+        def by(_: IntArray, vehicles: VehicleTable, uavs: UavTable, incumbent: IntArray) -> IntArray:
+            return reselect(vehicles, uavs, incumbent, self._settings)
+
+        return self._owner_by(by, tracks, members, step)
+
+    def _owner_by(
+        self,
+        by: Callable[[IntArray, VehicleTable, UavTable, IntArray], IntArray],
+        tracks: Tracks,
+        members: Members,
+        step: int,
+    ) -> IntArray:
+        """[V] the row of each vehicle's UAV by what decides over the tables of those who are there.
+
+        Args:
+            by: of the vehicles' rows [R] and both tables, and the index of the UAV that each has [R], or -1, it gives
+                the index of the UAV that each shall have [R], or -1.
+        """
         rows, vehicles = vehicles_at(tracks, members, self._grid, step)
-        airborne, uavs = uavs_of(fleet)
-        index = np.full(len(fleet.ids) + 1, NOBODY)  # the last one stands for nobody
+        airborne, uavs = uavs_of(self.fleet)
+        index = np.full(len(self.fleet.ids) + 1, NOBODY)  # the last one stands for nobody
         index[airborne] = np.arange(len(airborne))
-        incumbent = index[self.flight.owner[rows]]
-        chosen = select(
-            vehicles,
-            uavs,
-            settings=self._settings,
-            incumbent=incumbent,
-            hysteresis=self._hysteresis(rows, vehicles, uavs, incumbent),
-            seed=seed,
-            time_limit=METHOD_SECONDS,
-            within=True,
-        ).assignment
+        chosen = by(rows, vehicles, uavs, index[self.flight.owner[rows]])
         owner = np.full(len(tracks.ids), NOBODY)
         owner[rows[chosen >= 0]] = airborne[chosen[chosen >= 0]]
         return owner
@@ -122,17 +148,6 @@ class Team:
                 if self._triggers[int(rows[row])].note(uavs.ids[incumbent[row]], names) < rule.time_to_trigger:
                     points[row] = ANY_GAIN
         return points
-
-    def reselection(self, tracks: Tracks, members: Members, step: int) -> IntArray:
-        """[V] the row of each vehicle's UAV, once those without one have asked the UAVs that have room."""
-        rows, vehicles = vehicles_at(tracks, members, self._grid, step)
-        airborne, uavs = uavs_of(self.fleet)
-        index = np.full(len(self.fleet.ids) + 1, NOBODY)  # the last one stands for nobody
-        index[airborne] = np.arange(len(airborne))
-        chosen = reselect(vehicles, uavs, index[self.flight.owner[rows]], self._settings)
-        owner = np.full(len(tracks.ids), NOBODY)
-        owner[rows[chosen >= 0]] = airborne[chosen[chosen >= 0]]
-        return owner
 
     def measure(self, x: FloatArray, y: FloatArray) -> tuple[Service, list[Measure]]:
         """What vehicles get at one step, and how well it goes in every zone with a team, then in the whole area."""
