@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -58,7 +59,8 @@ def _contracts(relay: str, blocks: Sequence[Block]) -> list[str]:
 def _agreements(run: Run, address: str, blocks: Sequence[Block]) -> list[dict[str, Any]]:
     """What the record says of every agreement, in the columns of the table."""
     names = dict(zip(run.accounts["address"], run.accounts["name"], strict=True))
-    seconds = run.summary.step_seconds * run.summary.period_steps
+    begins = (number * run.summary.period_steps * run.summary.step_seconds for number in range(run.summary.periods))
+    periods = {1 + math.floor(begin): number for number, begin in enumerate(begins)}  # by the chain's clock
     agreements: dict[tuple[str, str, int, int], dict[str, Any]] = {}
     for block in blocks:
         for transaction, receipt in zip(block.transactions, block.receipts, strict=True):
@@ -66,7 +68,7 @@ def _agreements(run: Run, address: str, blocks: Sequence[Block]) -> list[dict[st
             for event in events:
                 if event.name == "AgreementOpened":
                     agreements[_key(event)] = {
-                        "period": int((block.timestamp - 1) // seconds),
+                        "period": periods.get(block.timestamp, -1),
                         "zone": event.args["zone"],
                         "vehicle": names.get(event.args["vehicle"], event.args["vehicle"]),
                         "uav": names.get(event.args["uav"], event.args["uav"]),
@@ -75,11 +77,13 @@ def _agreements(run: Run, address: str, blocks: Sequence[Block]) -> list[dict[st
                         "paid": 0,
                     }
             settled = [event for event in events if event.name == "Settled"]
-            if not settled or abi.payments().function_of(transaction.data) is not abi.payments().functions["settle"]:
-                continue
-            receipts = abi.payments().functions["settle"].decode_arguments(transaction.data)["receipts"]
-            for event, signed in zip(settled, receipts, strict=True):
-                agreements[_key(event)] |= {"signed": signed["amount"], "paid": event.args["paid"]}
+            for event in settled:
+                agreements[_key(event)]["paid"] = event.args["paid"]
+            settle = abi.payments().functions["settle"]
+            if settled and transaction.to == address and abi.payments().function_of(transaction.data) is settle:
+                receipts = settle.decode_arguments(transaction.data)["receipts"]
+                for event, signed in zip(settled, receipts, strict=True):
+                    agreements[_key(event)]["signed"] = signed["amount"]
     return list(agreements.values())
 
 

@@ -17,8 +17,6 @@ from skyrelay.chain.client import checked_address
 from skyrelay.chain.typed_data import Receipt, compact
 from skyrelay.core.errors import ChainError
 
-CENT = 1_000
-"""Units of the token in a cent."""
 DEPLOYMENT_GAS = 4_000_000
 RECEIPTS_GAS = 60_000
 """Gas limit of one receipt in a settlement, and of one agreement that is opened or closed."""

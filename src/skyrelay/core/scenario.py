@@ -556,7 +556,11 @@ class Scenario(_Section):
 
     @model_validator(mode="after")
     def _paid_by_the_contract(self) -> Scenario:
-        """Prices are locked by what SkyRelay's own allocation has decided."""
+        """Prices are locked by what SkyRelay's own allocation has decided, and for a period of the run's clock."""
+        if self.payment.enabled and self.chain.url is not None:
+            raise ValueError(
+                "chain.url beside payment.enabled: a node's clock is not the run's, by which prices are locked"
+            )
         if self.coordination.reselect_steps and (self.payment.enabled or self.chain.allocation != "strict"):
             raise ValueError(
                 f'coordination.reselect_steps of 0 with payment.enabled, or a chain.allocation that is not "strict" '

@@ -10,10 +10,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from skyrelay.chain.abi import Event
+from skyrelay.chain.client import DECIMETRES, HUNDREDTHS
 from skyrelay.chain.proof.reference import SETTLER
 
-DECIMETRES = 10
-HUNDREDTHS = 100
 _OPENS_SELECTION = {"VehSelectionSubmitted", "UAVAllocated", "ZoneAllocated", "ModelAssigned"}
 
 Row = dict[str, Any]

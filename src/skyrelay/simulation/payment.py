@@ -31,12 +31,8 @@ class Cashier:
         self._uav_names = world.fleet.ids
         self._vehicles = [keyring.account(name) for name in world.tracks.ids]
         self._uavs = [keyring.account(name) for name in world.fleet.ids]
-        self._payment = world.members.payment
-        self._prices = [
-            price_of(round(payment), demand)
-            for payment, demand in zip(world.members.payment.tolist(), world.members.demand.tolist(), strict=True)
-        ]
-        self._demand = world.members.demand
+        self._offers: list[int] = world.members.payment.tolist()
+        self._prices = list(map(price_of, self._offers, world.members.demand.tolist()))
         self._config = world.scenario.payment
         self._period_steps = world.scenario.coordination.period_steps
         chain_id = client.chain.chain_id
@@ -47,7 +43,7 @@ class Cashier:
         def signer(receipt: Receipt, signature: bytes) -> str | None:
             return receipt.signer(signature, client.address, chain_id)
 
-        tolerance = self._config.receipt_steps / self._period_steps
+        tolerance = 1.0 / self._period_steps  # a step, which one end may have seen begin before the other
         self._tills = {uav: Till(uav, sign, signer) for uav in self._uavs}
         self._purses = {vehicle: Purse(vehicle, sign, signer, tolerance) for vehicle in self._vehicles}
         self._row = {address: row for row, address in enumerate(self._vehicles)}
@@ -122,7 +118,7 @@ class Cashier:
         """
         self._steps += 1
         for row, agreed in self._agreed.items():
-            due = due_of_step(float(carried[row]), int(self._payment[row]), self._period_steps)
+            due = due_of_step(float(carried[row]), self._offers[row], self._period_steps)
             agreed["due"] = min(agreed["due"] + due, agreed["price"])
             share = due / agreed["price"] if agreed["price"] else 0.0
             self._tills[self._uavs[self._owner[row]]].carry(self._vehicles[row], share)
