@@ -3,6 +3,7 @@
 import http.client
 import json
 import socket
+from typing import Any
 
 import pytest
 import requests
@@ -372,7 +373,7 @@ def test_elsewhere_than_on_loopback_only_with_a_token(tmp_path):
         with pytest.raises(ChainError):
             NodeChain(f"http://127.0.0.1:{port}", RING)
         assert NodeChain(f"http://skyrelay:a%20secret@127.0.0.1:{port}", RING).chain_id == 31337
-        body = {"jsonrpc": "2.0", "id": 1, "method": "eth_chainId", "params": []}
+        body: Any = {"jsonrpc": "2.0", "id": 1, "method": "eth_chainId", "params": []}
         for header, status in (("Bearer a secret", 200), ("Bearer another", 401), ("Basic ???", 401)):
             answer = requests.post(f"http://127.0.0.1:{port}", json=body, headers={"authorization": header}, timeout=30)
             assert answer.status_code == status

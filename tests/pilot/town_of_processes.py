@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from typing import Any
 
 import pyarrow.parquet as pq
 import requests
@@ -94,7 +95,7 @@ class Up:
         file = self.hosts / "coordinator.toml"
         self.wait_for(lambda: self.pid("coordinator") and file.is_file())
         url = json.loads(re.search(r"urls = (\[[^\]]*\])", file.read_text())[1].replace(",\n", "\n"))[0]
-        ask = [{"jsonrpc": "2.0", "id": 1, "method": "eth_blockNumber", "params": []}]
+        ask: Any = [{"jsonrpc": "2.0", "id": 1, "method": "eth_blockNumber", "params": []}]
         self.wait_for(lambda: int(requests.post(url, json=ask, timeout=5).json()[0]["result"], 16) >= number)
 
     def kill(self, name):
